@@ -1,0 +1,137 @@
+"""Frozen settings of a tracking run; the resolved copy is saved with every run.
+
+Defaults are the ones that measured best by cross-validation on the KITTI training sequences
+(docs/accuracy.md); the paper's values stand in the field descriptions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any, Literal, Self, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hbbatch.errors import ConfigError
+
+_Model = TypeVar("_Model", bound=BaseModel)
+CostName = Literal["ciou_3d", "l2", "l2_size", "ciou_2d"]
+FilterName = Literal["hybrid", "kalman"]
+DeviceName = Literal["auto", "cpu", "cuda"]
+
+_MAX_COST: dict[CostName, float] = {"ciou_3d": 1.2, "l2": 4.0, "l2_size": 6.0, "ciou_2d": 1.2}
+
+
+class Settings(BaseModel):
+    """Base of all settings: immutable, unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class AssociationSettings(Settings):
+    """Greedy one-stage association (paper, section III-C)."""
+
+    cost: CostName = Field("ciou_3d", description="what a pair of prior and detection costs")
+    max_cost: float | None = Field(
+        None, gt=0, description="pairs at or above are never matched; default by cost (paper: 1.2)"
+    )
+
+    @property
+    def threshold(self) -> float:
+        """The cost at and above which a pair is never matched."""
+        return _MAX_COST[self.cost] if self.max_cost is None else self.max_cost
+
+
+class ManagementSettings(Settings):
+    """When tracks begin and end (paper, section III-E)."""
+
+    max_misses: int = Field(22, ge=1, description="a track dies after so many misses (μ_max)")
+    max_misses_unconfirmed: int = Field(
+        5, ge=1, description="a track never matched after its birth dies after so many steps (σ)"
+    )
+
+
+class DampingSettings(Settings):
+    """The dynamic scaling factor α of the residual (paper, section III-B)."""
+
+    enabled: bool = Field(False, description="off by default: it costs accuracy (docs/accuracy.md)")
+    ramp_frames: int = Field(8, ge=1, description="T_max: frames until a young track moves fully")
+    minimum: float = Field(0.1, ge=0, le=1, description="a_min")
+    maximum: float = Field(0.9, ge=0, le=1, description="a_max")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.minimum > self.maximum:
+            raise ValueError("minimum must not exceed maximum")
+        return self
+
+
+class OutputSettings(Settings):
+    """Which boxes of a track are written.
+
+    `online` is causal: a box is final when its frame is processed; coasted boxes are marked.
+    `gap_filled` is the published protocol: gaps are interpolated, predictions after the last
+    detection are cut.
+    """
+
+    protocol: Literal["online", "gap_filled"] = "gap_filled"
+    min_track_score: float | None = Field(
+        None, description="tracks whose mean detection score is lower are not written (gap_filled)"
+    )
+    min_detections: int = Field(1, ge=1, description="tracks with fewer detections are not written")
+    max_coasted: int = Field(
+        0, ge=0, description="online: boxes said after so many misses in a row at most"
+    )
+
+
+class TrackSettings(Settings):
+    """Everything that decides the tracks of a run, but not how fast they come."""
+
+    filter: FilterName = "hybrid"
+    weights: str = Field("kitti", description="name of shipped weights, or path of a .safetensors")
+    classes: tuple[str, ...] | None = Field(None, description="default: all the weights know")
+    min_score: float | None = Field(None, description="detections scored lower are ignored")
+    association: AssociationSettings = AssociationSettings()
+    management: ManagementSettings = ManagementSettings()
+    damping: DampingSettings = DampingSettings()
+    output: OutputSettings = OutputSettings()
+
+    def digest(self) -> str:
+        """Short hash of all values, equal for equal settings."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:8]
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file, safely loaded.
+
+    Raises:
+        ConfigError: the file is missing, no YAML, or no mapping.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}). Check the path.") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid YAML ({' '.join(str(error).split())}).") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: holds a {type(content).__name__}, expected a mapping of keys.")
+    return content
+
+
+def validate(model: type[_Model], content: dict[str, Any], what: str) -> _Model:
+    """A settings object from plain data.
+
+    Raises:
+        ConfigError: one line naming every offending key.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        faults = "; ".join(
+            f"{'.'.join(map(str, fault['loc'])) or 'top level'}: {fault['msg']}"
+            for fault in error.errors()
+        )
+        raise ConfigError(f"{what}: {faults}.") from error

@@ -1,0 +1,223 @@
+"""Paths of a dataset and typed reading and writing of its tables.
+
+<root>/catalog.parquet
+<root>/{detections,poses,labels}/sequence_id=<id>/part-0.parquet
+<root>/calibration/sequence_id=<id>/calibration.json
+<root>/runs/<run>/run.json, timing.parquet
+<root>/runs/<run>/tracks/sequence_id=<id>/part-0.parquet
+<root>/runs/<run>/kitti/<id>.txt
+<root>/runs/<run>/status/<id>.json            written last: what makes a sequence done
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from hbbatch import schema
+from hbbatch.dataset.atomic import write_aside
+from hbbatch.errors import DatasetError, UsageError
+
+_SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+_PER_SEQUENCE: Final = ("detections", "poses", "labels", "calibration")
+
+
+def check_name(name: str, what: str) -> str:
+    """`name` itself, when it is safe as the name of a file or folder.
+
+    Raises:
+        UsageError: it holds anything but letters, digits, dot, underscore and hyphen.
+    """
+    if not _SAFE_NAME.fullmatch(name):
+        raise UsageError(
+            f"{what} {name!r} cannot be a file name. Use letters, digits, '.', '_' and '-' only."
+        )
+    return name
+
+
+def safe_name(text: str) -> str:
+    """A file name made from any text: other characters become hyphens."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-._")[:128] or "unnamed"
+
+
+@dataclass(frozen=True)
+class Run:
+    """Where the outputs of one tracking run lie."""
+
+    root: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.root.name
+
+    @property
+    def manifest(self) -> Path:
+        """Resolved config, weights hash, code version and inputs of the run."""
+        return self.root / "run.json"
+
+    @property
+    def timing(self) -> Path:
+        """Timing table, a row a sequence."""
+        return self.root / "timing.parquet"
+
+    def tracks(self, sequence_id: str) -> Path:
+        """Tracks of a sequence."""
+        return self.root / "tracks" / f"sequence_id={sequence_id}" / "part-0.parquet"
+
+    def kitti(self, sequence_id: str) -> Path:
+        """KITTI result file of a sequence."""
+        return self.root / "kitti" / f"{sequence_id}.txt"
+
+    def status(self, sequence_id: str) -> Path:
+        """Status file of a sequence."""
+        return self.root / "status" / f"{sequence_id}.json"
+
+    def read_tracks(self, sequence_id: str) -> pa.Table:
+        """Tracks of a sequence, checked against `schema.TRACKS`."""
+        return read_table(
+            self.tracks(sequence_id), schema.TRACKS, f"tracks of sequence {sequence_id}"
+        )
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset folder. Making one touches no disk; `open` and `create` do."""
+
+    root: Path
+
+    @classmethod
+    def open(cls, root: Path) -> Dataset:
+        """An existing dataset.
+
+        Raises:
+            DatasetError: there is none at `root`, or it was written by a newer version.
+        """
+        dataset = cls(root)
+        if not dataset.catalog_path.is_file():
+            raise DatasetError(
+                f"{root}: no dataset here (catalog.parquet is missing). Run `hbbatch ingest` "
+                "first, or name the dataset with --dataset or $HBBATCH_DATASET."
+            )
+        dataset.catalog()
+        return dataset
+
+    @classmethod
+    def create(cls, root: Path) -> Dataset:
+        """The dataset at `root`, empty if there was none.
+
+        Raises:
+            DatasetError: the folder cannot be written or was written by a newer version.
+        """
+        dataset = cls(root)
+        if dataset.catalog_path.is_file():
+            dataset.catalog()
+        else:
+            dataset.write_catalog(schema.CATALOG.empty_table())
+        return dataset
+
+    @property
+    def catalog_path(self) -> Path:
+        """The catalogue of sequences."""
+        return self.root / "catalog.parquet"
+
+    def catalog(self) -> pa.Table:
+        """The catalogue, a row a sequence, sorted by id."""
+        return read_table(self.catalog_path, schema.CATALOG, str(self.catalog_path))
+
+    def write_catalog(self, table: pa.Table) -> None:
+        """Replace the catalogue."""
+        write_table(self.catalog_path, table.sort_by("sequence_id"), schema.CATALOG)
+
+    def sequence_ids(self) -> list[str]:
+        """Ids of all sequences, sorted."""
+        ids: list[str] = self.catalog()["sequence_id"].to_pylist()
+        return ids
+
+    def path(self, table: str, sequence_id: str) -> Path:
+        """File of one of the per-sequence tables (detections, poses, labels)."""
+        return self.root / table / f"sequence_id={sequence_id}" / "part-0.parquet"
+
+    def calibration_path(self, sequence_id: str) -> Path:
+        """Camera calibration of a sequence."""
+        return self.root / "calibration" / f"sequence_id={sequence_id}" / "calibration.json"
+
+    def detections(self, sequence_id: str) -> pa.Table:
+        """Detections of a sequence."""
+        return self._read("detections", schema.DETECTIONS, sequence_id)
+
+    def poses(self, sequence_id: str) -> pa.Table:
+        """Poses of a sequence, a row a frame."""
+        return self._read("poses", schema.POSES, sequence_id)
+
+    def labels(self, sequence_id: str) -> pa.Table | None:
+        """Labels of a sequence, None when it has none."""
+        if not self.path("labels", sequence_id).is_file():
+            return None
+        return self._read("labels", schema.LABELS, sequence_id)
+
+    def calibration(self, sequence_id: str) -> dict[str, Any] | None:
+        """Camera calibration of a sequence, None when it has none (see docs/formats.md)."""
+        path = self.calibration_path(sequence_id)
+        if not path.is_file():
+            return None
+        try:
+            content: dict[str, Any] = json.loads(path.read_text())
+        except ValueError as error:
+            raise DatasetError(
+                f"{path}: not valid JSON ({error}). Ingest the sequence again with --force."
+            ) from error
+        return content
+
+    def drop_sequence(self, sequence_id: str) -> None:
+        """Remove the tables of a sequence (not its catalogue row, nor results of runs)."""
+        for table in _PER_SEQUENCE:
+            shutil.rmtree(self.root / table / f"sequence_id={sequence_id}", ignore_errors=True)
+
+    def run(self, name: str) -> Run:
+        """The run of that name, existing or not."""
+        return Run(self.root / "runs" / check_name(name, "run name"))
+
+    def run_names(self) -> list[str]:
+        """Names of all runs, oldest manifest first."""
+        manifests = (self.root / "runs").glob("*/run.json")
+        return [m.parent.name for m in sorted(manifests, key=lambda m: m.stat().st_mtime_ns)]
+
+    def _read(self, table: str, expected: pa.Schema, sequence_id: str) -> pa.Table:
+        path = self.path(table, sequence_id)
+        return read_table(path, expected, f"{table} of sequence {sequence_id} ({path})")
+
+
+def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
+    """A Parquet file, checked against a schema.
+
+    Raises:
+        DatasetError: the file is missing, damaged or does not fit the schema.
+    """
+    try:
+        table = pq.read_table(path, partitioning=None, memory_map=True)
+    except FileNotFoundError as error:
+        raise DatasetError(f"{what}: {path} is missing. Ingest the sequence again.") from error
+    except (OSError, pa.ArrowException) as error:
+        raise DatasetError(f"{what}: {path} cannot be read ({error}).") from error
+    return schema.conform(table, expected, what)
+
+
+def write_table(path: Path, table: pa.Table, expected: pa.Schema) -> None:
+    """Write a Parquet file aside and rename it, checked against a schema."""
+    conformed = schema.conform(table, expected, str(path))
+    with write_aside(path) as aside:
+        pq.write_table(conformed, aside, compression="zstd")
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file aside and rename it."""
+    with write_aside(path) as aside:
+        aside.write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")

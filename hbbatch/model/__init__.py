@@ -1,0 +1,1 @@
+"""The learnable Kalman filter: pure torch, knows no files but weights."""

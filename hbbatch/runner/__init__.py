@@ -1,0 +1,1 @@
+"""What is to do, who does it, and what was done."""

@@ -1,0 +1,1 @@
+"""Tracks written in other programs' formats."""

@@ -1,0 +1,1 @@
+"""One module a log format; each yields sequences of detections and poses."""

@@ -1,0 +1,1 @@
+"""Many sequences in lock step: detections in, tracks out."""

@@ -1,0 +1,97 @@
+"""What the tracker is given: the detections of one sequence in the world frame, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hbbatch.boxes import BOX_FIELDS, FloatArray, transform_boxes
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class SequenceFrames:
+    """Detections of one sequence, sorted by frame; rows of frame f are offsets[f]:offsets[f + 1].
+
+    Attributes:
+        sequence_id: name of the sequence.
+        timestamp_ns: `(frames,)` time of each frame.
+        offsets: `(frames + 1,)` first detection row of each frame.
+        boxes: `(n, 7)` in the world frame.
+        range_m: `(n,)` horizontal distance from the sensor.
+        scores: `(n,)` as logged.
+        class_codes: `(n,)` index into the class names the tracker was asked for.
+        detection_ids: `(n,)` ids in the detections table.
+        world_from_sensor: rotations `(frames, 3, 3)` and translations `(frames, 3)`.
+    """
+
+    sequence_id: str
+    timestamp_ns: IntArray
+    offsets: IntArray
+    boxes: FloatArray
+    range_m: FloatArray
+    scores: FloatArray
+    class_codes: IntArray
+    detection_ids: IntArray
+    rotation: FloatArray
+    translation_m: FloatArray
+
+    @property
+    def frame_count(self) -> int:
+        """Frames of the sequence, empty ones included."""
+        return len(self.timestamp_ns)
+
+
+def sequence_frames(
+    sequence_id: str,
+    detections: pa.Table,
+    poses: pa.Table,
+    classes: Sequence[str],
+    min_score: float | None = None,
+) -> SequenceFrames:
+    """Detections of the wanted classes moved to the world frame.
+
+    Args:
+        sequence_id: name of the sequence.
+        detections: table of `schema.DETECTIONS`, sorted by frame.
+        poses: table of `schema.POSES`, a row a frame, frame_index counting from 0.
+        classes: class names to keep; their order defines `class_codes`.
+        min_score: lower scores are dropped.
+    """
+    kept = detections.filter(pc.is_in(detections["class_name"], pa.array(list(classes))))
+    if min_score is not None:
+        kept = kept.filter(pc.greater_equal(kept["score"], min_score))
+    frame_index = _column(kept, "frame_index").astype(np.int64)
+    rotation = Rotation.from_quat(_columns(poses, [f"rotation_{a}" for a in "xyzw"])).as_matrix()
+    translation = _columns(poses, [f"translation_{a}" for a in "xyz"])
+    sensor_boxes = _columns(kept, BOX_FIELDS)
+    codes = pc.index_in(kept["class_name"], pa.array(list(classes)))
+    return SequenceFrames(
+        sequence_id=sequence_id,
+        timestamp_ns=_column(poses, "timestamp_ns"),
+        offsets=np.searchsorted(frame_index, np.arange(poses.num_rows + 1)),
+        boxes=transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index]),
+        range_m=np.hypot(sensor_boxes[:, 0], sensor_boxes[:, 1]),
+        scores=_column(kept, "score"),
+        class_codes=codes.to_numpy().astype(np.int64),
+        detection_ids=_column(kept, "detection_id"),
+        rotation=rotation,
+        translation_m=translation,
+    )
+
+
+def _column(table: pa.Table, name: str) -> NDArray[Any]:
+    column: NDArray[Any] = table[name].to_numpy()
+    return column
+
+
+def _columns(table: pa.Table, names: Sequence[str]) -> FloatArray:
+    return np.stack([table[name].to_numpy() for name in names], axis=1)

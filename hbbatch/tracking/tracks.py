@@ -1,0 +1,117 @@
+"""What the tracker gives back: the tracks of one sequence as columns, and as the tracks table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from hbbatch import schema
+from hbbatch.boxes import BOX_FIELDS, FloatArray, transform_boxes
+from hbbatch.tracking.frames import IntArray, SequenceFrames
+
+
+class TrackState(IntEnum):
+    """How a box of a track came about."""
+
+    DETECTED = 0
+    COASTED = 1
+    INTERPOLATED = 2
+
+
+STATE_NAMES: Final = ("detected", "coasted", "interpolated")
+
+
+@dataclass(frozen=True)
+class SequenceTracks:
+    """Boxes of all tracks of one sequence, one row a track and frame, sorted by frame then track.
+
+    Attributes:
+        frame_index: `(n,)`.
+        track_id: `(n,)` from 1.
+        class_code: `(n,)` index into the tracker's class names.
+        state: `(n,)` a `TrackState`.
+        score: `(n,)` of the matched detection, NaN where there is none.
+        boxes: `(n, 7)` world frame.
+        velocity_m_s: `(n, 3)` world frame.
+        detection_row: `(n,)` row in `SequenceFrames`, -1 where there is none.
+    """
+
+    frame_index: IntArray
+    track_id: IntArray
+    class_code: IntArray
+    state: NDArray[np.int8]
+    score: FloatArray
+    boxes: FloatArray
+    velocity_m_s: FloatArray
+    detection_row: IntArray
+
+    @property
+    def track_count(self) -> int:
+        """Distinct tracks."""
+        return len(np.unique(self.track_id))
+
+    def take(self, rows: NDArray[np.generic]) -> SequenceTracks:
+        """Rows chosen by a mask or by index."""
+        return SequenceTracks(**{name: column[rows] for name, column in vars(self).items()})
+
+
+@dataclass
+class StageSeconds:
+    """Seconds spent in each stage of lock-step tracking."""
+
+    predict: float = 0.0
+    associate: float = 0.0
+    update: float = 0.0
+    manage: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrackedSequence:
+    """A finished sequence with the share of the group's time that was its own."""
+
+    frames: SequenceFrames
+    tracks: SequenceTracks
+    seconds: StageSeconds = field(default_factory=StageSeconds)
+
+
+def track_scores(tracks: SequenceTracks) -> FloatArray:
+    """Mean score of the detections of each row's track, `(n,)`."""
+    _, index = np.unique(tracks.track_id, return_inverse=True)
+    seen = ~np.isnan(tracks.score)
+    total = np.bincount(index[seen], tracks.score[seen], minlength=index.max(initial=-1) + 1)
+    count = np.bincount(index[seen], minlength=len(total))
+    mean: FloatArray = (total / np.maximum(count, 1))[index]
+    return mean
+
+
+def tracks_table(
+    tracks: SequenceTracks, frames: SequenceFrames, class_names: Sequence[str]
+) -> pa.Table:
+    """The tracks as a table of `schema.TRACKS`, with boxes in both frames."""
+    frame = tracks.frame_index
+    sensor_from_world = frames.rotation[frame].transpose(0, 2, 1)
+    offset = -np.einsum("nij,nj->ni", sensor_from_world, frames.translation_m[frame])
+    sensor_boxes = transform_boxes(tracks.boxes, sensor_from_world, offset)
+    matched = tracks.detection_row >= 0
+    detection_id = np.zeros(len(frame), np.int64)
+    detection_id[matched] = frames.detection_ids[tracks.detection_row[matched]]
+    columns: dict[str, pa.Array] = {
+        "frame_index": pa.array(frame.astype(np.int32)),
+        "timestamp_ns": pa.array(frames.timestamp_ns[frame]),
+        "track_id": pa.array(tracks.track_id),
+        "class_name": pa.array(np.array(class_names, dtype=object)[tracks.class_code], pa.string()),
+        "state": pa.array(np.array(STATE_NAMES, dtype=object)[tracks.state], pa.string()),
+        "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
+        "track_score": pa.array(track_scores(tracks)),
+        **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
+        **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
+        **{f"velocity_{a}": pa.array(tracks.velocity_m_s[:, i]) for i, a in enumerate("xyz")},
+        "detection_id": pa.array(detection_id, mask=~matched),
+    }
+    return schema.conform(pa.table(columns), schema.TRACKS, f"tracks of {frames.sequence_id}")
