@@ -1,0 +1,74 @@
+"""3D boxes seen by a pinhole camera: the 2D boxes that image-based formats and metrics ask for."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from hbbatch.boxes import FloatArray, corners
+
+NEAR_PLANE_M: Final = 0.1
+"""Depth at which edges that run past the camera are cut: nearer points have no useful image."""
+
+_RING: Final = np.arange(4)
+_EDGES: Final = np.concatenate(
+    [
+        np.stack([_RING, (_RING + 1) % 4], axis=1),
+        np.stack([_RING + 4, (_RING + 1) % 4 + 4], axis=1),
+        np.stack([_RING, _RING + 4], axis=1),
+    ]
+)
+_FROM: Final = np.concatenate([_EDGES[:, 0], _EDGES[:, 1]])
+_TO: Final = np.concatenate([_EDGES[:, 1], _EDGES[:, 0]])
+
+
+def image_boxes(
+    boxes_sensor: FloatArray, image_from_sensor: FloatArray, width_px: float, height_px: float
+) -> FloatArray:
+    """The rectangle each box fills in the image.
+
+    The twelve edges of a box are cut at `NEAR_PLANE_M` in front of the camera, so a box that the
+    camera is in or beside reaches the edge of the image instead of losing the corners behind it.
+
+    Args:
+        boxes_sensor: `(n, 7)` in the sensor frame.
+        image_from_sensor: `(3, 4)` projection, homogeneous pixels from sensor metres; its third
+            row gives the depth in metres.
+        width_px: width of the image.
+        height_px: height of the image.
+
+    Returns:
+        `(n, 4)` left, top, right, bottom in pixels, within [0, width_px - 1] x [0, height_px - 1];
+        NaN where no part of the box is in the image.
+    """
+    projected = corners(boxes_sensor) @ image_from_sensor[:, :3].T + image_from_sensor[:, 3]
+    cut = (projected[..., 2] < NEAR_PLANE_M).any(axis=1)
+    low, high = np.empty((len(boxes_sensor), 2)), np.empty((len(boxes_sensor), 2))
+    low[~cut], high[~cut] = _extent(projected[~cut])
+    low[cut], high[cut] = _extent(_cut_edges(projected[cut]))
+    edge = np.array([width_px, height_px]) - 1.0
+    rectangle = np.concatenate([np.clip(low, 0.0, edge), np.clip(high, 0.0, edge)], axis=1)
+    seen = (rectangle[:, :2] < rectangle[:, 2:]).all(axis=1)
+    rectangle[~seen] = np.nan
+    return rectangle
+
+
+def _extent(projected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest pixel coordinates of each box's points, which may be NaN."""
+    pixels = projected[..., :2] / projected[..., 2:]
+    low = np.where(np.isnan(pixels), np.inf, pixels).min(axis=1)
+    high = np.where(np.isnan(pixels), -np.inf, pixels).max(axis=1)
+    return low, high
+
+
+def _cut_edges(projected: FloatArray) -> FloatArray:
+    """Both ends of every edge after the cut at the near plane; NaN for an edge wholly behind it."""
+    start, end = projected[:, _FROM], projected[:, _TO]
+    depth, other = start[..., 2], end[..., 2]
+    behind = depth < NEAR_PLANE_M
+    run = np.where(other == depth, 1.0, other - depth)
+    share = np.where(behind, (NEAR_PLANE_M - depth) / run, 0.0)
+    ends = start + share[..., None] * (end - start)
+    ends[behind & (other < NEAR_PLANE_M)] = np.nan
+    return ends
