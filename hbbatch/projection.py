@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from hbbatch.boxes import FloatArray, corners
+from hbbatch.errors import DatasetError
 
 NEAR_PLANE_M: Final = 0.1
 """Depth at which edges that run past the camera are cut: nearer points have no useful image."""
@@ -21,6 +23,51 @@ _EDGES: Final = np.concatenate(
 )
 _FROM: Final = np.concatenate([_EDGES[:, 0], _EDGES[:, 1]])
 _TO: Final = np.concatenate([_EDGES[:, 1], _EDGES[:, 0]])
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The camera of a sequence, as its `calibration.json` describes it.
+
+    Attributes:
+        image_from_sensor: `(3, 4)` projection, homogeneous pixels from sensor metres; its third
+            row gives the depth in metres.
+        width_px: width of the image.
+        height_px: height of the image.
+    """
+
+    image_from_sensor: FloatArray
+    width_px: float
+    height_px: float
+
+    @classmethod
+    def from_calibration(cls, calibration: dict[str, Any], what: str) -> Camera:
+        """The camera in the content of a calibration file; `what` names it in an error.
+
+        Raises:
+            DatasetError: a value is missing or makes no camera.
+        """
+        try:
+            camera = cls(
+                np.array(calibration["image_from_sensor"], float).reshape(3, 4),
+                float(calibration["image_width_px"]),
+                float(calibration["image_height_px"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise DatasetError(
+                f"{what}: no usable camera ({error!r}). Ingest the sequence again with --force."
+            ) from error
+        sizes = np.array([camera.width_px, camera.height_px])
+        if not (np.isfinite(camera.image_from_sensor).all() and (sizes > 1).all()):
+            raise DatasetError(
+                f"{what}: the projection is not finite or the image has no size. "
+                "Ingest the sequence again with --force."
+            )
+        return camera
+
+    def image_boxes(self, boxes_sensor: FloatArray) -> FloatArray:
+        """Where boxes `(n, 7)` of the sensor frame lie in this camera's image: see the function."""
+        return image_boxes(boxes_sensor, self.image_from_sensor, self.width_px, self.height_px)
 
 
 def image_boxes(
