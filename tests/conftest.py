@@ -1,0 +1,21 @@
+"""Fixtures for all tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def test_data() -> Path:
+    """Folder of real data, from $HBBATCH_TEST_DATA; needed in CI, optional elsewhere."""
+    root = Path(__file__).parents[1]
+    folder = (root / os.environ.get("HBBATCH_TEST_DATA", "../shared/data")).resolve()
+    if not folder.is_dir():
+        message = f"no test data in {folder}; set HBBATCH_TEST_DATA"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    return folder
