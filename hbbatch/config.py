@@ -89,7 +89,9 @@ class TrackSettings(Settings):
     """Everything that decides the tracks of a run, but not how fast they come."""
 
     filter: FilterName = "hybrid"
-    weights: str = Field("kitti", description="name of shipped weights, or path of a .safetensors")
+    weights: str | None = Field(
+        None, description="shipped name or path of a .safetensors; default by filter"
+    )
     classes: tuple[str, ...] | None = Field(None, description="default: all the weights know")
     min_score: float | None = Field(None, description="detections scored lower are ignored")
     association: AssociationSettings = AssociationSettings()

@@ -1,25 +1,41 @@
-"""Many sequences in lock step."""
+"""The tracker a worker holds: settings, a motion filter on a device, class names."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 import torch
 
 from hbbatch.config import TrackSettings
+from hbbatch.model.weights import load_filter
 from hbbatch.tracking.frames import SequenceFrames
+from hbbatch.tracking.lockstep import LockStep
+from hbbatch.tracking.refine import refine
 from hbbatch.tracking.tracks import TrackedSequence
 
 
 class Tracker:
-    """Loaded once per worker: filter weights on a device, class names, settings."""
-
-    class_names: tuple[str, ...]
-    weights_hash: str
+    """Loaded once per worker, used for any number of groups."""
 
     def __init__(self, settings: TrackSettings, device: torch.device) -> None:
-        raise NotImplementedError
+        """Load the weights the settings name.
 
+        Raises:
+            WeightsError: weights are missing, damaged or of another version.
+        """
+        self.settings = settings
+        self._device = device
+        loaded = load_filter(settings.filter, settings.weights, settings.classes)
+        self.class_names = loaded.class_names
+        self.weights_hash = loaded.content_hash
+        self._kinds = np.array(loaded.kind_codes)
+        self._motion = loaded.motion.to(device).eval()
+
+    @torch.inference_mode()
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
-        raise NotImplementedError
+        lock_step = LockStep(group, self._motion, self._kinds, self.settings, self._device)
+        for number, tracks, seconds in lock_step.run():
+            frames = group[number]
+            yield TrackedSequence(frames, refine(tracks, frames, self.settings.output), seconds)

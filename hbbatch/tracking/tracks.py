@@ -56,6 +56,21 @@ class SequenceTracks:
         """Distinct tracks."""
         return len(np.unique(self.track_id))
 
+    @classmethod
+    def empty(cls) -> SequenceTracks:
+        """No boxes."""
+        whole, real = np.empty(0, np.int64), np.empty(0)
+        return cls(
+            whole,
+            whole,
+            whole,
+            np.empty(0, np.int8),
+            real,
+            np.empty((0, 7)),
+            np.empty((0, 3)),
+            whole,
+        )
+
     def take(self, rows: NDArray[np.generic]) -> SequenceTracks:
         """Rows chosen by a mask or by index."""
         return SequenceTracks(**{name: column[rows] for name, column in vars(self).items()})

@@ -1,0 +1,81 @@
+"""Covariances of independent axes, each a chain of derivatives, in closed form.
+
+An axis has `order` states: position, velocity (and acceleration). Its symmetric covariance is kept
+as blocks `P[i][j]`, i ≤ j, each a tensor `(n, axes)`; `blocks` and `join` go to and from the flat
+matrix that a filter's rows hold. White noise drives the highest derivative (Bar-Shalom, Li and
+Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+Blocks = dict[tuple[int, int], Tensor]
+
+
+def pairs(order: int) -> list[tuple[int, int]]:
+    """Indices of the upper triangle, in the order of the flat matrix."""
+    return [(i, j) for i in range(order) for j in range(i, order)]
+
+
+def blocks(flat: Tensor, order: int, axes: int) -> Blocks:
+    """Views on the blocks of a flat `(n, axes · order · (order + 1) / 2)` covariance."""
+    return {
+        pair: flat[:, number * axes : (number + 1) * axes]
+        for number, pair in enumerate(pairs(order))
+    }
+
+
+def join(covariance: Blocks) -> Tensor:
+    """The flat matrix of the blocks."""
+    return torch.cat(list(covariance.values()), dim=1)
+
+
+def initial(variances: list[Tensor]) -> Blocks:
+    """Uncorrelated covariance with the given variance `(n, axes)` for each derivative."""
+    zero = torch.zeros_like(variances[0])
+    return {(i, j): variances[i] if i == j else zero for i, j in pairs(len(variances))}
+
+
+def propagate(covariance: Blocks, noise: Tensor, dt_s: Tensor) -> Blocks:
+    """Covariance after a time step, F P Fᵀ + Q.
+
+    Args:
+        covariance: blocks at the start of the step.
+        noise: `(n, axes)` spectral density of the highest derivative's noise.
+        dt_s: `(n, 1)` length of the step in seconds.
+    """
+    order = max(j for _, j in covariance) + 1
+    step = [dt_s**power / math.factorial(power) for power in range(order)]
+    predicted: Blocks = {}
+    for i, j in pairs(order):
+        total = noise * (dt_s ** (2 * order - 1 - i - j) / _noise_divisor(order, i, j))
+        for a in range(i, order):
+            for b in range(j, order):
+                total = total + step[a - i] * step[b - j] * covariance[min(a, b), max(a, b)]
+        predicted[i, j] = total
+    return predicted
+
+
+def _noise_divisor(order: int, i: int, j: int) -> int:
+    return math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * (2 * order - 1 - i - j)
+
+
+def correct(covariance: Blocks, measurement_variance: Tensor) -> tuple[list[Tensor], Blocks]:
+    """Kalman gain of each derivative for a measured position, and the posterior covariance.
+
+    Args:
+        covariance: prior blocks.
+        measurement_variance: `(n, axes)`.
+
+    Returns:
+        Gains, one `(n, axes)` a derivative, and the posterior blocks.
+    """
+    order = max(j for _, j in covariance) + 1
+    inverse = 1.0 / (covariance[0, 0] + measurement_variance)
+    gains = [covariance[0, i] * inverse for i in range(order)]
+    posterior = {(i, j): covariance[i, j] - gains[i] * covariance[0, j] for i, j in pairs(order)}
+    return gains, posterior

@@ -1,0 +1,25 @@
+"""Angles and turns on tensors."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+TWO_PI = 2.0 * math.pi
+
+
+def wrap_angle(angle_rad: Tensor) -> Tensor:
+    """Angles wrapped to [-π, π)."""
+    return torch.remainder(angle_rad + math.pi, TWO_PI) - math.pi
+
+
+def wrap_half_turn(angle_rad: Tensor) -> Tensor:
+    """Angles wrapped to [-π/2, π/2): the turn between two axes whose direction does not matter."""
+    return torch.remainder(angle_rad + math.pi / 2, math.pi) - math.pi / 2
+
+
+def turn(x: Tensor, y: Tensor, cos: Tensor, sin: Tensor) -> tuple[Tensor, Tensor]:
+    """The vectors (x, y) turned counter-clockwise by an angle given as cosine and sine."""
+    return cos * x - sin * y, sin * x + cos * y

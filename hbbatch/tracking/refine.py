@@ -1,0 +1,86 @@
+"""What an offline processor does after a sequence: fill gaps, settle sizes, choose tracks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
+from hbbatch.config import OutputSettings
+from hbbatch.tracking.frames import IntArray, SequenceFrames
+from hbbatch.tracking.tracks import SequenceTracks, TrackState, track_scores
+
+
+def refine(
+    tracks: SequenceTracks, frames: SequenceFrames, output: OutputSettings
+) -> SequenceTracks:
+    """The boxes to write, by the chosen protocol."""
+    kept = long_enough(tracks, output.min_detections)
+    if output.protocol == "online":
+        return kept
+    if output.min_track_score is not None:
+        kept = kept.take(track_scores(kept) >= output.min_track_score)
+    return fill_gaps(settle_sizes(kept), frames)
+
+
+def long_enough(tracks: SequenceTracks, min_detections: int) -> SequenceTracks:
+    """Tracks with at least so many detections."""
+    _, index = np.unique(tracks.track_id, return_inverse=True)
+    count = np.bincount(index[tracks.detection_row >= 0], minlength=index.max(initial=-1) + 1)
+    return tracks.take(count[index] >= min_detections)
+
+
+def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
+    """Every box of a track gets the track's median length, width and height: objects are rigid."""
+    boxes = tracks.boxes.copy()
+    order = np.argsort(tracks.track_id, kind="stable")
+    starts = np.flatnonzero(np.diff(tracks.track_id[order], prepend=-1))
+    for rows in np.split(order, starts[1:]):
+        if len(rows):
+            boxes[rows, LENGTH : HEIGHT + 1] = np.median(boxes[rows, LENGTH : HEIGHT + 1], axis=0)
+    return _with_boxes(tracks, boxes)
+
+
+def fill_gaps(tracks: SequenceTracks, frames: SequenceFrames) -> SequenceTracks:
+    """Frames a track skipped between two detections get a box interpolated in time."""
+    order = np.lexsort((tracks.frame_index, tracks.track_id))
+    frame, track = tracks.frame_index[order], tracks.track_id[order]
+    missing = np.where(np.diff(track) == 0, np.diff(frame) - 1, 0)
+    before = np.repeat(order[:-1], missing)
+    after = np.repeat(order[1:], missing)
+    number = np.arange(len(before)) - np.repeat(np.cumsum(missing) - missing, missing)
+    filled = tracks.take(before)
+    index = filled.frame_index + number + 1
+    weight = _time_share(frames.timestamp_ns, tracks.frame_index, before, after, index)
+    between = SequenceTracks(
+        frame_index=index,
+        track_id=filled.track_id,
+        class_code=filled.class_code,
+        state=np.full(len(index), TrackState.INTERPOLATED, np.int8),
+        score=np.full(len(index), np.nan),
+        boxes=_interpolate_boxes(tracks.boxes[before], tracks.boxes[after], weight),
+        velocity_m_s=(1 - weight) * filled.velocity_m_s + weight * tracks.velocity_m_s[after],
+        detection_row=np.full(len(index), -1),
+    )
+    columns = zip(vars(tracks).values(), vars(between).values(), strict=True)
+    joined = SequenceTracks(*(np.concatenate(pair) for pair in columns))
+    return joined.take(np.lexsort((joined.track_id, joined.frame_index)))
+
+
+def _time_share(
+    timestamp_ns: IntArray, frame: IntArray, before: IntArray, after: IntArray, index: IntArray
+) -> FloatArray:
+    """How far in time each frame lies between two others, `(n, 1)`."""
+    start, end = timestamp_ns[frame[before]], timestamp_ns[frame[after]]
+    share: FloatArray = ((timestamp_ns[index] - start) / np.maximum(end - start, 1))[:, None]
+    return share
+
+
+def _interpolate_boxes(first: FloatArray, second: FloatArray, weight: FloatArray) -> FloatArray:
+    boxes = (1 - weight) * first + weight * second
+    turn = wrap_angle(second[:, YAW] - first[:, YAW])
+    boxes[:, YAW] = wrap_angle(first[:, YAW] + weight[:, 0] * turn)
+    return boxes
+
+
+def _with_boxes(tracks: SequenceTracks, boxes: FloatArray) -> SequenceTracks:
+    return SequenceTracks(**{**vars(tracks), "boxes": boxes})

@@ -1,0 +1,106 @@
+"""Which sequence steps when: a group's frames laid out in lock step before the first step.
+
+Frame counts are known beforehand, so the whole timetable is too: sequences are dealt to lanes,
+longest first, each lane running its sequences one after the other. Detections are then sorted by
+step, and a step's detections are one slice.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbbatch.boxes import FloatArray
+from hbbatch.tracking.frames import IntArray, SequenceFrames
+
+DEFAULT_DT_S = 0.1
+"""Step assumed where a sequence's clock does not advance."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Timetable of a group.
+
+    Attributes:
+        first_step: `(sequences,)` step at which each sequence's frame 0 is processed.
+        dt_s: `(sequences,)` arrays of time since the previous frame, the first entry unused.
+        offsets: `(steps + 1,)` first detection of each step.
+        sequence: `(n,)` sequence number of each detection, detections sorted by step.
+        row: `(n,)` row of each detection in its own `SequenceFrames`.
+        boxes, range_m, scores, class_codes: the detections' columns in that order.
+        ending: for each step, the sequences whose last frame it is.
+        empty: sequences without frames.
+    """
+
+    first_step: IntArray
+    dt_s: list[FloatArray]
+    offsets: IntArray
+    sequence: IntArray
+    row: IntArray
+    boxes: FloatArray
+    range_m: FloatArray
+    scores: FloatArray
+    class_codes: IntArray
+    ending: list[list[int]]
+    empty: list[int]
+
+    @property
+    def steps(self) -> int:
+        """Number of lock steps."""
+        return len(self.offsets) - 1
+
+
+def schedule(group: Sequence[SequenceFrames], lanes: int) -> Schedule:
+    """The timetable of a group over at most `lanes` sequences at a time."""
+    first_step = _first_steps([frames.frame_count for frames in group], lanes)
+    last_step = [
+        int(first) + frames.frame_count - 1 for first, frames in zip(first_step, group, strict=True)
+    ]
+    steps = max(last_step, default=-1) + 1
+    ending: list[list[int]] = [[] for _ in range(steps)]
+    for number, step in enumerate(last_step):
+        if group[number].frame_count:
+            ending[step].append(number)
+    step_of = np.concatenate(
+        [
+            first + np.repeat(np.arange(frames.frame_count), np.diff(frames.offsets))
+            for first, frames in zip(first_step, group, strict=True)
+        ]
+    )
+    sequence = np.repeat(np.arange(len(group)), [len(frames.scores) for frames in group])
+    row = np.concatenate([np.arange(len(frames.scores)) for frames in group])
+    order = np.argsort(step_of, kind="stable")
+    return Schedule(
+        first_step=first_step,
+        dt_s=[_intervals(frames) for frames in group],
+        offsets=np.searchsorted(step_of[order], np.arange(steps + 1)),
+        sequence=sequence[order],
+        row=row[order],
+        boxes=np.concatenate([frames.boxes for frames in group])[order],
+        range_m=np.concatenate([frames.range_m for frames in group])[order],
+        scores=np.concatenate([frames.scores for frames in group])[order],
+        class_codes=np.concatenate([frames.class_codes for frames in group])[order],
+        ending=ending,
+        empty=[number for number, frames in enumerate(group) if not frames.frame_count],
+    )
+
+
+def _first_steps(frame_counts: list[int], lanes: int) -> IntArray:
+    """Longest first, each sequence to the lane that is free earliest."""
+    free = [0] * max(1, min(lanes, len(frame_counts)))
+    first = np.zeros(len(frame_counts), np.int64)
+    for number in sorted(range(len(frame_counts)), key=lambda n: -frame_counts[n]):
+        start = heapq.heappop(free)
+        first[number] = start
+        heapq.heappush(free, start + frame_counts[number])
+    return first
+
+
+def _intervals(frames: SequenceFrames) -> FloatArray:
+    """Seconds since the previous frame; where the clock stands still, a default step."""
+    dt = np.diff(frames.timestamp_ns, prepend=frames.timestamp_ns[:1]) * 1e-9
+    intervals: FloatArray = np.where(dt > 0, dt, DEFAULT_DT_S)
+    return intervals
