@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from hbbatch import __version__
+from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
 from hbbatch.errors import HbbatchError
 
@@ -22,6 +23,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.command()(ingest)
+app.command("eval")(evaluate)
 
 
 def _print_version(wanted: bool) -> None:

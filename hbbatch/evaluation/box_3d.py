@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from hbbatch.boxes import BOX_FIELDS, FloatArray
+from hbbatch.boxes import BOX_FIELDS, BOX_SIZE, FloatArray
 from hbbatch.evaluation.columns import floats, integers
 from hbbatch.evaluation.metrics import ClassTracks, ClassTruth, kitti_dataset, score_class
 from hbbatch.evaluation.results import Evaluation
@@ -61,7 +61,7 @@ def _class_truth(labels: pa.Table, class_name: str) -> ClassTruth:
         occlusion=integers(objects, "occlusion"),
         truncation=integers(objects, "truncation"),
         ignored_frame_index=np.empty(0, np.int64),
-        ignored_regions=np.empty((0, 4)),
+        ignored_regions=np.empty((0, BOX_SIZE)),
     )
 
 

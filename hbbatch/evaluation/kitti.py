@@ -19,7 +19,7 @@ from hbbatch.boxes import BOX_FIELDS, FloatArray
 from hbbatch.evaluation.columns import floats, integers
 from hbbatch.evaluation.metrics import ClassTracks, ClassTruth, kitti_dataset, score_class
 from hbbatch.evaluation.results import Evaluation
-from hbbatch.projection import image_boxes
+from hbbatch.projection import Camera
 
 KITTI_CLASSES: Final = ("car", "pedestrian", "cyclist")
 _LOOK_ALIKES: Final = {
@@ -29,8 +29,6 @@ _LOOK_ALIKES: Final = {
 }
 _IMAGE_BOX: Final = ("image_left", "image_top", "image_right", "image_bottom")
 
-Camera = tuple[FloatArray, float, float]
-"""image_from_sensor `(3, 4)`, image width and height in pixels."""
 KittiTruth = dict[str, dict[str, ClassTruth]]
 """Labels by class name, then by sequence id: parsed once, evaluated against many times."""
 KittiTracks = dict[str, dict[str, ClassTracks]]
@@ -119,7 +117,7 @@ def kitti_tracks(
 def _projected(tracks: pa.Table, camera: Camera) -> tuple[pa.Table, FloatArray]:
     tracks = tracks.sort_by("frame_index")
     boxes = floats(tracks, [f"sensor_{name}" for name in BOX_FIELDS])
-    return tracks, image_boxes(boxes, *camera)
+    return tracks, camera.image_boxes(boxes)
 
 
 def _of_class(tracks: pa.Table, boxes: FloatArray, class_name: str) -> ClassTracks:

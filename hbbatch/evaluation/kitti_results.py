@@ -29,7 +29,8 @@ def read_kitti_results(
         classes: class names to keep.
 
     Raises:
-        DatasetError: a file is missing, or a line does not hold what the format asks for.
+        DatasetError: a file is missing, or a line does not hold what the format asks for,
+            or a track has two boxes in a frame.
     """
     files = {sequence_id: _read(path) for sequence_id, path in paths.items()}
     return {
@@ -48,7 +49,18 @@ def _read(path: Path) -> tuple[NDArray[np.str_], FloatArray]:
         ) from error
     rows = [_split(path, number, line) for number, line in enumerate(lines, 1)]
     types = np.array([kind for kind, _ in rows], dtype=np.str_)
-    return types, np.array([values for _, values in rows], float).reshape(-1, _COLUMNS)
+    values = np.array([values for _, values in rows], float).reshape(-1, _COLUMNS)
+    _check_unique(path, values[:, [_FRAME, _ID]])
+    return types, values
+
+
+def _check_unique(path: Path, frame_and_id: FloatArray) -> None:
+    pairs, count = np.unique(frame_and_id, axis=0, return_counts=True)
+    for frame, track_id in pairs[count > 1][:1]:
+        raise DatasetError(
+            f"{path}: track {track_id:.0f} has two boxes in frame {frame:.0f}. "
+            "Track the sequence again."
+        )
 
 
 def _split(path: Path, number: int, line: str) -> tuple[str, list[float]]:

@@ -42,7 +42,7 @@ class ClassTruth:
         occlusion: `(n,)` KITTI level; above 2 the object may be tracked or not.
         truncation: `(n,)` KITTI level; above 0 the object may be tracked or not.
         ignored_frame_index: `(m,)` frame of each ignored region.
-        ignored_regions: `(m, 4)` image boxes; tracks mostly inside one are not counted.
+        ignored_regions: `(m, k)` boxes like the labels; tracks mostly inside one are not counted.
     """
 
     frame_index: IntArray

@@ -12,9 +12,11 @@ import pyarrow as pa
 import pytest
 import trackeval
 
+from hbbatch.errors import DatasetError
 from hbbatch.evaluation.kitti import evaluate_kitti, kitti_tracks, kitti_truth, sweep_track_score
 from hbbatch.evaluation.kitti_results import read_kitti_results
 from hbbatch.evaluation.results import Scores
+from hbbatch.projection import Camera
 from tests.evaluation.kitti_text import fake_results, labels_table
 
 SEQUENCES = ("0000", "0004", "0011", "0017")
@@ -165,8 +167,24 @@ def test_tracks_are_projected_and_those_out_of_the_image_left_out() -> None:
     ahead, behind = [20.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0], [-20.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]
     table = tracks_table(np.array([ahead, behind]))
 
-    tracks = kitti_tracks({"a": table}, {"a": (image_from_sensor, 1000.0, 400.0)})["car"]["a"]
+    tracks = kitti_tracks({"a": table}, {"a": Camera(image_from_sensor, 1000.0, 400.0)})["car"]["a"]
 
     assert tracks.frame_index.tolist() == [0]
     near_face_px = 700 * 1.0 / 18.0
     np.testing.assert_allclose(tracks.boxes[0, [0, 2]], [500 - near_face_px, 500 + near_face_px])
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("0 1 Car -1 -1 0 1 2 3 4\n", "line 1: not a KITTI tracking result"),
+        (f"0 1 Car{' 0' * 15}\n\n", "line 2: not a KITTI tracking result"),
+        (f"0 1 Car{' 0' * 15}\n0 1 Car{' x' * 15}\n", "line 2: not a KITTI tracking result"),
+        (f"0 1 Car{' 0' * 15}\n0 1 Car{' 0' * 15}\n", "track 1 has two boxes in frame 0"),
+    ],
+)
+def test_a_damaged_result_file_is_one_clear_error(tmp_path: Path, text: str, fault: str) -> None:
+    path = tmp_path / "0000.txt"
+    path.write_text(text)
+    with pytest.raises(DatasetError, match=fault):
+        read_kitti_results({"0000": path})
