@@ -1,0 +1,58 @@
+"""Where the time of a run went: one row a sequence, and the totals."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import pyarrow as pa
+
+from hbbatch import schema
+from hbbatch.tracking.tracks import TrackedSequence
+
+STAGES: Final = ("read", "predict", "associate", "update", "manage", "write")
+"""Stages of a sequence, in order; their seconds add up to `wall_s`."""
+
+TimingRow = dict[str, Any]
+"""One row of `schema.TIMING`."""
+
+
+def timing_row(
+    tracked: TrackedSequence, read_s: float, write_s: float, device: str, worker: int
+) -> TimingRow:
+    """The row of a sequence that was just written."""
+    seconds = {"read_s": read_s, "write_s": write_s}
+    seconds |= {f"{stage}_s": value for stage, value in vars(tracked.seconds).items()}
+    wall_s = sum(seconds.values())
+    frames = tracked.frames.frame_count
+    return {
+        "sequence_id": tracked.frames.sequence_id,
+        "frames": frames,
+        "detections": len(tracked.frames.boxes),
+        "tracks": tracked.tracks.track_count,
+        **seconds,
+        "wall_s": wall_s,
+        "frames_per_s": frames / wall_s if wall_s else 0.0,
+        "device": device,
+        "worker": worker,
+        "peak_rss_mb": peak_rss_mb(),
+    }
+
+
+def peak_rss_mb() -> float:
+    """Highest resident memory of this process so far, in MB (10^6 bytes)."""
+    unit_bytes = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit_bytes / 1e6
+
+
+def timing_table(rows: Iterable[TimingRow]) -> pa.Table:
+    """Rows as a table of `schema.TIMING`, sorted by sequence."""
+    ordered = sorted(rows, key=lambda row: str(row["sequence_id"]))
+    return pa.Table.from_pylist(ordered, schema=schema.TIMING)
+
+
+def stage_seconds(rows: Sequence[TimingRow]) -> dict[str, float]:
+    """Worker seconds by stage, summed over sequences."""
+    return {stage: sum(row[f"{stage}_s"] for row in rows) for stage in STAGES}

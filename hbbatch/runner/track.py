@@ -1,0 +1,267 @@
+"""Track the sequences of a dataset: plan, run, sum up. What `hbbatch track` calls."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from hbbatch import schema
+from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
+from hbbatch.dataset import Dataset, Run
+from hbbatch.dataset.store import write_table
+from hbbatch.errors import ExitStatus
+from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
+from hbbatch.runner.manifest import read_manifest, write_manifest
+from hbbatch.runner.plan import Plan, deal, make_plan, read_status, select
+from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
+from hbbatch.runner.worker import (
+    LoadTracker,
+    Order,
+    Outcome,
+    check_device,
+    load_tracker,
+    weights_hash,
+    write_status,
+)
+
+Progress = Callable[[int, int], None]
+"""Told the frames done and the frames in all, each time a sequence ends."""
+
+
+@dataclass(frozen=True)
+class TrackRequest:
+    """What to track and how.
+
+    Attributes:
+        dataset: folder of the dataset.
+        settings: everything that decides the tracks.
+        sequence_ids: which sequences; all where none is named.
+        run: name of the run; by default made from the settings.
+        device: where to compute.
+        workers: worker processes; by default one a core.
+        command: how this was asked for, kept in run.json.
+    """
+
+    dataset: Path
+    settings: TrackSettings
+    sequence_ids: tuple[str, ...] = ()
+    run: str | None = None
+    device: DeviceName = "auto"
+    workers: int | None = None
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The tracker that is run: how to know its weights without loading it, and how to load it."""
+
+    weights_hash: Callable[[TrackSettings], str]
+    load_tracker: LoadTracker
+
+
+HYBRIDTRACK: Final = Engine(weights_hash, load_tracker)
+"""The engine of the package."""
+
+
+@dataclass(frozen=True)
+class TrackReport:
+    """What came of it.
+
+    Attributes:
+        run: name of the run.
+        path: folder of the run's outputs.
+        tracked: ids of the sequences tracked now.
+        up_to_date: ids of the sequences whose outputs were current already.
+        outdated: ids among those tracked now that replaced outputs made from other inputs,
+            settings, weights or code.
+        failed: what went wrong, by sequence id.
+        partial: ids of sequences whose source was damaged, so that part of their data is lost.
+        odd: what deserves a look, one line each.
+        frames, detections, tracks: sums over the sequences tracked now.
+        stage_s: worker seconds by stage, summed over the sequences tracked now.
+        wall_s: seconds from start to end, starting the workers included.
+        workers: worker processes used.
+        device: where it was computed; empty if nothing was.
+    """
+
+    run: str
+    path: Path
+    tracked: tuple[str, ...]
+    up_to_date: tuple[str, ...]
+    outdated: tuple[str, ...]
+    failed: dict[str, str]
+    partial: tuple[str, ...]
+    odd: tuple[str, ...]
+    frames: int
+    detections: int
+    tracks: int
+    stage_s: dict[str, float]
+    wall_s: float
+    workers: int
+    device: str
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames per second of wall time: all workers together, their start included."""
+        return self.frames / self.wall_s if self.wall_s else 0.0
+
+    @property
+    def frames_per_worker_s(self) -> float:
+        """Frames per second of one worker's time on its sequences, its start not counted."""
+        seconds = sum(self.stage_s.values())
+        return self.frames / seconds if seconds else 0.0
+
+    @property
+    def exit_status(self) -> ExitStatus:
+        """What the process tells the shell."""
+        if self.failed:
+            return ExitStatus.FAILED
+        return ExitStatus.DATA_LOSS if self.partial else ExitStatus.DONE
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {
+            **asdict(self),
+            "path": str(self.path),
+            "frames_per_s": self.frames_per_s,
+            "frames_per_worker_s": self.frames_per_worker_s,
+            "exit_status": int(self.exit_status),
+        }
+
+
+def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSettings:
+    """Settings from a YAML file, and values that replace its top-level keys.
+
+    Raises:
+        ConfigError: the file cannot be read or a value does not validate.
+    """
+    content = load_yaml(config) if config else {}
+    given = {name: value for name, value in overrides.items() if value is not None}
+    return validate(TrackSettings, content | given, str(config or "options"))
+
+
+def default_run_name(settings: TrackSettings) -> str:
+    """A name that is the same for the same settings: `hybrid-1a2b3c4d`."""
+    return f"{settings.filter}-{settings.digest()}"
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def track(
+    request: TrackRequest, progress: Progress | None = None, engine: Engine = HYBRIDTRACK
+) -> TrackReport:
+    """Track what is not up to date, and write tracks, result files, timing and manifest.
+
+    Interrupted at any time, the sequences that had ended are whole and are not tracked again.
+
+    Raises:
+        UsageError: an unknown sequence, a bad run name, a device that is not there.
+        DatasetError: no dataset, one of a newer version, or a folder that cannot be written.
+        WeightsError: the weights are missing, damaged or of another version.
+    """
+    started = time.perf_counter()
+    dataset = Dataset.open(request.dataset)
+    rows = select(dataset.catalog(), request.sequence_ids)
+    run = dataset.run(request.run or default_run_name(request.settings))
+    read_manifest(run)
+    weights = engine.weights_hash(request.settings)
+    plan = make_plan(rows, run, request.settings, weights)
+    workers = min(request.workers or available_cores(), len(plan.to_do))
+    outcomes: list[Outcome] = []
+    if plan.to_do:
+        check_device(request.device)
+        inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
+        environment = {"command": request.command, "device": request.device}
+        write_manifest(run, request.settings, weights, inputs, environment)
+        order = Order(dataset, run, request.settings, request.device, engine.load_tracker)
+        outcomes = _execute(order, plan, workers, progress or _silent)
+    wall_s = time.perf_counter() - started
+    return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
+
+
+def _silent(_done: int, _total: int) -> None:
+    pass
+
+
+def _execute(order: Order, plan: Plan, workers: int, progress: Progress) -> list[Outcome]:
+    """Run the plan; whatever happens, the timing table then holds every sequence that ended."""
+    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+    frames = {job.sequence_id: job.frames for job in plan.to_do}
+    keys = {job.sequence_id: job.key for job in plan.to_do}
+    outcomes: list[Outcome] = []
+    done = 0
+    progress(done, sum(frames.values()))
+    try:
+        with closing(executor.run(order, deal(plan.to_do, workers))) as stream:
+            for outcome in stream:
+                outcomes.append(outcome)
+                done += frames[outcome.sequence_id]
+                progress(done, sum(frames.values()))
+                if outcome.error is not None:
+                    _record_failure(order.run, keys[outcome.sequence_id], outcome)
+    finally:
+        _write_timing(order)
+    return outcomes
+
+
+def _record_failure(run: Run, key: str, outcome: Outcome) -> None:
+    write_status(run, outcome.sequence_id, {"state": "failed", "key": key, "error": outcome.error})
+
+
+def _write_timing(order: Order) -> None:
+    """One row for every sequence the run holds, taken from the status files."""
+    statuses = [read_status(order.run, i) for i in order.dataset.sequence_ids()]
+    rows = [status["timing"] for status in statuses if status.get("state") == "done"]
+    write_table(order.run.timing, timing_table(rows), schema.TIMING)
+
+
+@dataclass(frozen=True)
+class _Effort:
+    wall_s: float
+    workers: int
+
+
+def _report(
+    run: Run,
+    rows: Sequence[dict[str, Any]],
+    plan: Plan,
+    outcomes: Sequence[Outcome],
+    effort: _Effort,
+) -> TrackReport:
+    timings = [outcome.timing for outcome in outcomes if outcome.timing is not None]
+    return TrackReport(
+        run=run.name,
+        path=run.root,
+        tracked=tuple(sorted(timing["sequence_id"] for timing in timings)),
+        up_to_date=plan.up_to_date,
+        outdated=plan.outdated,
+        failed={o.sequence_id: o.error for o in outcomes if o.error is not None},
+        partial=tuple(row["sequence_id"] for row in rows if row["partial"]),
+        odd=(*_odd_inputs(rows), *_odd_results(timings)),
+        frames=sum(timing["frames"] for timing in timings),
+        detections=sum(timing["detections"] for timing in timings),
+        tracks=sum(timing["tracks"] for timing in timings),
+        stage_s=stage_seconds(timings),
+        wall_s=effort.wall_s,
+        workers=effort.workers,
+        device=", ".join(sorted({timing["device"] for timing in timings})),
+    )
+
+
+def _odd_inputs(rows: Sequence[dict[str, Any]]) -> list[str]:
+    return [f"{row['sequence_id']}: {problem}" for row in rows for problem in row["problems"]]
+
+
+def _odd_results(timings: Sequence[TimingRow]) -> list[str]:
+    empty = sorted(row["sequence_id"] for row in timings if not row["detections"])
+    return [f"{', '.join(empty)}: no detection of the classes asked for"] if empty else []
