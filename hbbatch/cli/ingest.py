@@ -3,16 +3,103 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption
 
+if TYPE_CHECKING:
+    from hbbatch.runner.ingest import IngestReport, SequenceOutcome
+
 
 def ingest(
-    source: Annotated[list[Path], typer.Argument(help="Logs or folders.")],
+    source: Annotated[list[Path], typer.Argument(help="Logs, or folders of them.")],
     dataset: DatasetOption = DEFAULT_DATASET,
+    detections: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of detection files, for KITTI. Default: det_02 or detections in SOURCE."
+        ),
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option(help="Detection topic of a log; may be repeated.")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Ingest again what has not changed.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Read detections and ego poses from logs into the dataset."""
-    raise NotImplementedError
+    """Read detections and ego poses from logs into the dataset; the format is found."""
+    from hbbatch.runner.ingest import ingest as run_ingest
+
+    report = run_ingest(source, dataset, detections=detections, topics=topic or (), force=force)
+    if as_json:
+        _print_json(report)
+    else:
+        _print_table(report)
+    _print_problems(report)
+    raise typer.Exit(int(report.exit_status))
+
+
+def _print_json(report: IngestReport) -> None:
+    import json
+
+    content = {
+        "dataset": str(report.dataset_root),
+        "seconds": report.seconds,
+        "errors": report.errors,
+        "sequences": [_outcome_json(outcome) for outcome in report.outcomes],
+    }
+    typer.echo(json.dumps(content, indent=2))
+
+
+def _outcome_json(outcome: SequenceOutcome) -> dict[str, Any]:
+    return {
+        **(outcome.row or {"sequence_id": outcome.sequence_id, "source": str(outcome.source)}),
+        "status": outcome.status.value,
+        "seconds": outcome.seconds,
+        "error": outcome.error,
+    }
+
+
+def _print_table(report: IngestReport) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("sequence", "status", box=None, pad_edge=False)
+    for name in ("frames", "detections", "labels", "seconds"):
+        table.add_column(name, justify="right")
+    table.add_column("poses")
+    for outcome in report.outcomes:
+        row = outcome.row or {}
+        counts = [str(row.get(name, "")) for name in ("frames", "detections", "labels")]
+        status = f"{outcome.status}, partial" if outcome.partial else str(outcome.status)
+        seconds = f"{outcome.seconds:.2f}"
+        table.add_row(outcome.sequence_id, status, *counts, seconds, row.get("pose_origin", ""))
+    console = Console(highlight=False)
+    if report.outcomes:
+        console.print(table)
+    console.print(_summary(report), soft_wrap=True, markup=False)
+
+
+def _summary(report: IngestReport) -> str:
+    from collections import Counter
+
+    counted = Counter(outcome.status for outcome in report.outcomes)
+    statuses = ", ".join(f"{count} {status}" for status, count in counted.items())
+    what = statuses or "nothing ingested"
+    return f"{what} in {report.seconds:.1f} s; dataset {report.dataset_root}"
+
+
+def _print_problems(report: IngestReport) -> None:
+    """Warnings, the same one of many sequences once, and errors."""
+    sequences: dict[str, list[str]] = {}
+    for outcome in report.outcomes:
+        for problem in outcome.problems:
+            sequences.setdefault(problem, []).append(outcome.sequence_id)
+    for problem, ids in sequences.items():
+        who = f"sequence {ids[0]}" if len(ids) == 1 else f"{len(ids)} sequences ({ids[0]}, …)"
+        typer.echo(f"warning: {who}: {problem}", err=True)
+    for error in report.errors:
+        typer.echo(f"error: {error}", err=True)

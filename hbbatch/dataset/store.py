@@ -14,6 +14,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -210,11 +212,23 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
     return schema.conform(table, expected, what)
 
 
+@contextmanager
+def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table], None]]:
+    """Yield a function that appends a batch to a Parquet file, which is renamed at the end.
+
+    Each batch is checked against the schema; the file appears when the block ends without error.
+    """
+    with (
+        write_aside(path) as aside,
+        pq.ParquetWriter(aside, expected, compression="zstd") as writer,
+    ):
+        yield lambda table: writer.write_table(schema.conform(table, expected, str(path)))
+
+
 def write_table(path: Path, table: pa.Table, expected: pa.Schema) -> None:
     """Write a Parquet file aside and rename it, checked against a schema."""
-    conformed = schema.conform(table, expected, str(path))
-    with write_aside(path) as aside:
-        pq.write_table(conformed, aside, compression="zstd")
+    with table_writer(path, expected) as write:
+        write(table)
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

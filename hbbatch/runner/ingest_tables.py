@@ -1,0 +1,151 @@
+"""One sequence of a source written into the dataset, in batches, all of it or nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import pyarrow as pa
+
+from hbbatch import schema
+from hbbatch.dataset.store import Dataset, table_writer, write_json, write_table
+from hbbatch.errors import SourceError
+from hbbatch.sources.base import POSE_ORIGINS, CameraCalibration, Frame, Labels, SequenceReading
+from hbbatch.sources.classes import is_known_class
+from hbbatch.sources.tables import detections_table, labels_table, poses_table
+
+_BATCH_ROWS: Final = 50_000
+
+
+@dataclass
+class Tally:
+    """What has been written of a sequence so far."""
+
+    frames: int = 0
+    detections: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    origins: set[str] = field(default_factory=set)
+    unknown_classes: Counter[str] = field(default_factory=Counter)
+
+    def add(self, frames: Sequence[Frame]) -> None:
+        """Count a batch."""
+        self.first_ns = self.first_ns if self.frames else frames[0].timestamp_ns
+        self.last_ns = frames[-1].timestamp_ns
+        self.frames += len(frames)
+        self.detections += sum(len(frame.boxes) for frame in frames)
+        self.origins.update(frame.pose.origin for frame in frames)
+        names = Counter(name for frame in frames for name in frame.class_names)
+        self.unknown_classes.update({n: c for n, c in names.items() if not is_known_class(n)})
+
+    @property
+    def weakest_origin(self) -> str:
+        """The least trustworthy way in which a pose was obtained."""
+        return max(self.origins, key=POSE_ORIGINS.index)
+
+
+class ContentHash:
+    """Hash of the values that tracking reads, whatever batches they come in."""
+
+    def __init__(self) -> None:
+        self._columns: dict[str, Any] = {}
+
+    def add(self, prefix: str, table: pa.Table) -> None:
+        """Feed a batch of a table."""
+        for name in table.column_names:
+            digest = self._columns.setdefault(f"{prefix}.{name}", hashlib.blake2b(digest_size=16))
+            column = table[name]
+            if pa.types.is_string(column.type):
+                digest.update("".join(f"{text}\n" for text in column.to_pylist()).encode())
+            else:
+                digest.update(column.to_numpy().tobytes())
+
+    def digest(self, calibration: CameraCalibration | None) -> str:
+        """The hash, with the calibration."""
+        columns = {name: digest.hexdigest() for name, digest in sorted(self._columns.items())}
+        content = [columns, calibration.to_json() if calibration else None]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def write_sequence(dataset: Dataset, sequence_id: str, reading: SequenceReading) -> dict[str, Any]:
+    """Write the tables of a sequence; former ones are replaced only when all has been read.
+
+    Returns:
+        The columns of its catalogue row that follow from the content.
+
+    Raises:
+        SourceError: from the reader, or there is no frame.
+        DatasetError: the dataset cannot be written.
+    """
+    tally, content = Tally(), ContentHash()
+    with ExitStack() as stack:
+        detections_path, poses_path = (
+            dataset.path(table, sequence_id) for table in ("detections", "poses")
+        )
+        write_detections = stack.enter_context(table_writer(detections_path, schema.DETECTIONS))
+        write_poses = stack.enter_context(table_writer(poses_path, schema.POSES))
+        for batch in _batches(reading.frames):
+            detections = detections_table(batch, tally.frames, tally.detections)
+            poses = poses_table(batch, tally.frames)
+            write_detections(detections)
+            write_poses(poses)
+            content.add("detections", detections.drop_columns(["source_row", "class_name_logged"]))
+            content.add("poses", poses.drop_columns(["log_time_ns"]))
+            tally.add(batch)
+        if not tally.frames:
+            raise SourceError(f"sequence {sequence_id}: no frame could be read. Check the source.")
+    _write_optional(dataset, sequence_id, reading)
+    _note_unknown_classes(reading, tally)
+    return {
+        "content_hash": content.digest(reading.calibration),
+        "frames": tally.frames,
+        "detections": tally.detections,
+        "labels": _labelled_boxes(reading.labels),
+        "duration_s": (tally.last_ns - tally.first_ns) / 1e9,
+        "pose_origin": tally.weakest_origin,
+        "partial": reading.findings.partial,
+        "problems": list(reading.findings.problems),
+    }
+
+
+def _batches(frames: Iterator[Frame]) -> Iterator[list[Frame]]:
+    """Frames in lists of about as many rows as a good Parquet row group has."""
+    batch: list[Frame] = []
+    rows = 0
+    for frame in frames:
+        batch.append(frame)
+        rows += 1 + len(frame.boxes)
+        if rows >= _BATCH_ROWS:
+            yield batch
+            batch, rows = [], 0
+    if batch:
+        yield batch
+
+
+def _write_optional(dataset: Dataset, sequence_id: str, reading: SequenceReading) -> None:
+    """Write labels and calibration; remove those of a former source that had them."""
+    labels_path = dataset.path("labels", sequence_id)
+    if reading.labels is None:
+        labels_path.unlink(missing_ok=True)
+    else:
+        write_table(labels_path, labels_table(reading.labels), schema.LABELS)
+    calibration_path = dataset.calibration_path(sequence_id)
+    if reading.calibration is None:
+        calibration_path.unlink(missing_ok=True)
+    else:
+        write_json(calibration_path, reading.calibration.to_json())
+
+
+def _labelled_boxes(labels: Labels | None) -> int:
+    return 0 if labels is None else int((labels.object_id >= 0).sum())
+
+
+def _note_unknown_classes(reading: SequenceReading, tally: Tally) -> None:
+    if tally.unknown_classes:
+        counted = ", ".join(f"{name!r} ({n})" for name, n in sorted(tally.unknown_classes.items()))
+        reading.findings.note(f"classes that are not known, recorded as unknown: {counted}")
