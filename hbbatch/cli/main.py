@@ -5,6 +5,7 @@ Nothing heavy is imported here or at the top of a command's module, so `--help` 
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Annotated
 
@@ -13,7 +14,11 @@ import typer
 from hbbatch import __version__
 from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
-from hbbatch.errors import HbbatchError
+from hbbatch.cli.track import track
+from hbbatch.errors import ExitStatus, HbbatchError
+
+_INTERRUPTED = 130
+_TRACEBACK = "HBBATCH_TRACEBACK"
 
 app = typer.Typer(
     name="hbbatch",
@@ -23,6 +28,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.command()(ingest)
+app.command()(track)
 app.command("eval")(evaluate)
 
 
@@ -40,14 +46,36 @@ def _root(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
+    traceback: Annotated[
+        bool,
+        typer.Option(
+            "--traceback", envvar=_TRACEBACK, help="Show where an unexpected error came from."
+        ),
+    ] = False,
 ) -> None:
-    pass
+    if traceback:
+        os.environ[_TRACEBACK] = "1"
 
 
 def main() -> None:
-    """Run the command line; errors raised on purpose become one line on stderr."""
+    """Run the command line: an error is one line on stderr and an exit status."""
     try:
         app()
     except HbbatchError as error:
-        typer.echo(f"error: {error}", err=True)
-        sys.exit(error.exit_status)
+        _fail(str(error), error.exit_status)
+    except KeyboardInterrupt:
+        _fail("interrupted; what was finished is kept", _INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has left. Python would complain once more when it flushes.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(ExitStatus.FAILED)
+    except Exception as error:
+        if os.environ.get(_TRACEBACK):
+            raise
+        hint = "This is a defect of hbbatch; `hbbatch --traceback ...` shows where."
+        _fail(f"{type(error).__name__}: {error}. {hint}", ExitStatus.FAILED)
+
+
+def _fail(message: str, status: int) -> None:
+    typer.echo(f"error: {' '.join(message.split())}", err=True)
+    sys.exit(status)

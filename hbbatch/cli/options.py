@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,3 +15,20 @@ DatasetOption = Annotated[
     ),
 ]
 DEFAULT_DATASET = Path("hbbatch_data")
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
+
+
+class Device(StrEnum):
+    """Where to compute; the values of `config.DeviceName`."""
+
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
+class FilterChoice(StrEnum):
+    """Motion filters; the values of `config.FilterName`."""
+
+    HYBRID = "hybrid"
+    KALMAN = "kalman"
