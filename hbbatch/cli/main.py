@@ -17,7 +17,6 @@ from hbbatch.cli.ingest import ingest
 from hbbatch.cli.track import track
 from hbbatch.errors import ExitStatus, HbbatchError
 
-_INTERRUPTED = 130
 _TRACEBACK = "HBBATCH_TRACEBACK"
 
 app = typer.Typer(
@@ -58,17 +57,14 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line: an error is one line on stderr and an exit status."""
+    """Run the command line: an error is one line on stderr and an exit status.
+
+    Usage errors (2), Ctrl-C (130) and a reader that leaves are typer's to handle.
+    """
     try:
         app()
     except HbbatchError as error:
         _fail(str(error), error.exit_status)
-    except KeyboardInterrupt:
-        _fail("interrupted; what was finished is kept", _INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of our output has left. Python would complain once more when it flushes.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(ExitStatus.FAILED)
     except Exception as error:
         if os.environ.get(_TRACEBACK):
             raise

@@ -44,7 +44,7 @@ def track(
     as_json: JsonOption = False,
 ) -> None:
     """Track sequences; those whose tracks are up to date are left alone."""
-    from hbbatch.cli.output import print_json, progress_bar
+    from hbbatch.cli.output import complain, print_json, progress_bar
     from hbbatch.runner.track import TrackRequest, resolve_settings
     from hbbatch.runner.track import track as run_track
 
@@ -63,8 +63,12 @@ def track(
         workers=workers,
         command=" ".join(["hbbatch", *sys.argv[1:]]),
     )
-    with progress_bar("Tracking", "frames") as progress:
-        report = run_track(request, progress)
+    try:
+        with progress_bar("Tracking", "frames") as progress:
+            report = run_track(request, progress)
+    except KeyboardInterrupt:
+        complain("interrupted: sequences that had ended are kept, the same command goes on")
+        raise
     if as_json:
         print_json(report.to_json())
     else:
