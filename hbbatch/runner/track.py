@@ -15,6 +15,7 @@ from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
 from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_table
 from hbbatch.errors import ExitStatus
+from hbbatch.model.weights_files import open_weights
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.manifest import read_manifest, write_manifest
 from hbbatch.runner.plan import Plan, deal, make_plan, read_status, select
@@ -25,7 +26,6 @@ from hbbatch.runner.worker import (
     Outcome,
     check_device,
     load_tracker,
-    weights_hash,
     write_status,
 )
 
@@ -62,6 +62,16 @@ class Engine:
 
     weights_hash: Callable[[TrackSettings], str]
     load_tracker: LoadTracker
+
+
+def weights_hash(settings: TrackSettings) -> str:
+    """Hash of the weights that settings name.
+
+    Raises:
+        WeightsError: the weights are missing, damaged or of another version.
+        UsageError: the weights do not know a class asked for.
+    """
+    return open_weights(settings.filter, settings.weights, settings.classes).content_hash
 
 
 HYBRIDTRACK: Final = Engine(weights_hash, load_tracker)
@@ -170,6 +180,7 @@ def track(
         WeightsError: the weights are missing, damaged or of another version.
     """
     started = time.perf_counter()
+    check_device(request.device)
     dataset = Dataset.open(request.dataset)
     rows = select(dataset.catalog(), request.sequence_ids)
     run = dataset.run(request.run or default_run_name(request.settings))
@@ -179,7 +190,6 @@ def track(
     workers = min(request.workers or available_cores(), len(plan.to_do))
     outcomes: list[Outcome] = []
     if plan.to_do:
-        check_device(request.device)
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
         write_manifest(run, request.settings, weights, inputs, environment)

@@ -78,18 +78,6 @@ def load_tracker(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
     return LoadedTracker(Tracker(settings, torch.device(device)), device)
 
 
-def weights_hash(settings: TrackSettings) -> str:
-    """Hash of the content of the weights that settings name.
-
-    Raises:
-        WeightsError: the weights are missing, damaged or of another version.
-        UsageError: the weights do not know a class asked for.
-    """
-    from hbbatch.model.weights import load_filter
-
-    return load_filter(settings.filter, settings.weights, settings.classes).content_hash
-
-
 def check_device(device: DeviceName) -> None:
     """Refuse cuda where there is none.
 
