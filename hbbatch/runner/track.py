@@ -17,6 +17,7 @@ from hbbatch.dataset.store import write_table
 from hbbatch.errors import ExitStatus
 from hbbatch.model.weights_files import open_weights
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
+from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
 from hbbatch.runner.plan import Plan, deal, make_plan, read_status, select
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
@@ -147,12 +148,18 @@ class TrackReport:
 def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSettings:
     """Settings from a YAML file, and values that replace its top-level keys.
 
+    Weights given as a relative path are relative to the file, or to the current folder where they
+    come from `overrides`.
+
     Raises:
         ConfigError: the file cannot be read or a value does not validate.
     """
-    content = load_yaml(config) if config else {}
     given = {name: value for name, value in overrides.items() if value is not None}
-    return validate(TrackSettings, content | given, str(config or "options"))
+    if config is None:
+        return validate(TrackSettings, given, "options")
+    content = load_yaml(config)
+    settings = validate(TrackSettings, content | given, str(config))
+    return settings if "weights" in given else anchored_weights(settings, config.parent)
 
 
 def default_run_name(settings: TrackSettings) -> str:
@@ -269,7 +276,15 @@ def _report(
 
 
 def _odd_inputs(rows: Sequence[dict[str, Any]]) -> list[str]:
-    return [f"{row['sequence_id']}: {problem}" for row in rows for problem in row["problems"]]
+    """Problems of the sources; one that many sequences share is said once."""
+    sequences: dict[str, list[str]] = {}
+    for row in rows:
+        for problem in row["problems"]:
+            sequences.setdefault(problem, []).append(row["sequence_id"])
+    return [
+        f"{ids[0]}: {problem}" if len(ids) == 1 else f"{len(ids)} sequences: {problem}"
+        for problem, ids in sequences.items()
+    ]
 
 
 def _odd_results(timings: Sequence[TimingRow]) -> list[str]:
