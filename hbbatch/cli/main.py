@@ -14,6 +14,7 @@ import typer
 from hbbatch import __version__
 from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
+from hbbatch.cli.relabel import relabel
 from hbbatch.cli.track import track
 from hbbatch.errors import ExitStatus, HbbatchError
 
@@ -29,6 +30,7 @@ app = typer.Typer(
 app.command()(ingest)
 app.command()(track)
 app.command("eval")(evaluate)
+app.command()(relabel)
 
 
 def _print_version(wanted: bool) -> None:
