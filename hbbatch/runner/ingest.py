@@ -16,7 +16,7 @@ from hbbatch import schema
 from hbbatch.dataset import Dataset
 from hbbatch.errors import ExitStatus, SequenceError, SourceError
 from hbbatch.runner.ingest_tables import write_sequence
-from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
+from hbbatch.sources.base import SequenceHandle, Source, SourceOptions, source_errors
 from hbbatch.sources.detect import open_sources
 
 INGEST_VERSION: Final = 1
@@ -144,9 +144,12 @@ def _sequences(
             continue
         for source in opened:
             try:
-                yield from ((source, handle) for handle in source.sequences())
+                with source_errors(source.path):
+                    handles = source.sequences()
             except SourceError as error:
                 report.source_errors.append(str(error))
+                continue
+            yield from ((source, handle) for handle in handles)
 
 
 def _ingest_sequence(
@@ -157,28 +160,36 @@ def _ingest_sequence(
     force: bool,
 ) -> SequenceOutcome:
     started = time.perf_counter()
-
-    def outcome(status: IngestStatus, **more: Any) -> SequenceOutcome:
-        seconds = time.perf_counter() - started
-        return SequenceOutcome(handle.sequence_id, source.path, status, seconds, **more)
-
+    row, error = None, None
     try:
-        former = _catalog_row(dataset, handle.sequence_id)
-        source_hash = _source_hash(source, handle)
-        _check_owner(source, handle, owners, former, source_hash, force)
-        if former is not None and former["source_hash"] == source_hash and not force:
-            return outcome(IngestStatus.UNCHANGED, row=former)
-        row = {
-            "sequence_id": handle.sequence_id,
-            "source": str(source.path.resolve()),
-            "source_format": source.format_name,
-            "source_hash": source_hash,
-            **write_sequence(dataset, handle.sequence_id, handle.read()),
-        }
-        _put_catalog_row(dataset, row)
-    except (SourceError, SequenceError) as error:
-        return outcome(IngestStatus.FAILED, error=str(error))
-    return outcome(IngestStatus.INGESTED if former is None else IngestStatus.REPLACED, row=row)
+        with source_errors(source.path):
+            former = _catalog_row(dataset, handle.sequence_id)
+            source_hash = _source_hash(source, handle)
+            _check_owner(source, handle, owners, former, source_hash, force)
+            if former is not None and former["source_hash"] == source_hash and not force:
+                status, row = IngestStatus.UNCHANGED, former
+            else:
+                status = IngestStatus.REPLACED if former else IngestStatus.INGESTED
+                row = _write(dataset, source, handle, source_hash)
+    except (SourceError, SequenceError) as failure:
+        status, error = IngestStatus.FAILED, str(failure)
+    seconds = time.perf_counter() - started
+    return SequenceOutcome(handle.sequence_id, source.path, status, seconds, row, error)
+
+
+def _write(
+    dataset: Dataset, source: Source, handle: SequenceHandle, source_hash: str
+) -> dict[str, Any]:
+    """Write the tables of a sequence, and last its catalogue row, which is returned."""
+    row = {
+        "sequence_id": handle.sequence_id,
+        "source": str(source.path.resolve()),
+        "source_format": source.format_name,
+        "source_hash": source_hash,
+        **write_sequence(dataset, source.path, handle),
+    }
+    _put_catalog_row(dataset, row)
+    return row
 
 
 def _source_hash(source: Source, handle: SequenceHandle) -> str:

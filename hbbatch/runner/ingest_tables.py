@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
@@ -15,7 +16,15 @@ import pyarrow as pa
 from hbbatch import schema
 from hbbatch.dataset.store import Dataset, table_writer, write_json, write_table
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import POSE_ORIGINS, CameraCalibration, Frame, Labels, SequenceReading
+from hbbatch.sources.base import (
+    POSE_ORIGINS,
+    CameraCalibration,
+    Frame,
+    Labels,
+    SequenceHandle,
+    SequenceReading,
+    source_errors,
+)
 from hbbatch.sources.classes import is_known_class
 from hbbatch.sources.tables import detections_table, labels_table, poses_table
 
@@ -72,7 +81,7 @@ class ContentHash:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def write_sequence(dataset: Dataset, sequence_id: str, reading: SequenceReading) -> dict[str, Any]:
+def write_sequence(dataset: Dataset, source: Path, handle: SequenceHandle) -> dict[str, Any]:
     """Write the tables of a sequence; former ones are replaced only when all has been read.
 
     Returns:
@@ -80,8 +89,10 @@ def write_sequence(dataset: Dataset, sequence_id: str, reading: SequenceReading)
 
     Raises:
         SourceError: from the reader, or there is no frame.
+        OSError: the source cannot be read.
         DatasetError: the dataset cannot be written.
     """
+    sequence_id, reading = handle.sequence_id, handle.read()
     tally, content = Tally(), ContentHash()
     with ExitStack() as stack:
         detections_path, poses_path = (
@@ -89,7 +100,7 @@ def write_sequence(dataset: Dataset, sequence_id: str, reading: SequenceReading)
         )
         write_detections = stack.enter_context(table_writer(detections_path, schema.DETECTIONS))
         write_poses = stack.enter_context(table_writer(poses_path, schema.POSES))
-        for batch in _batches(reading.frames):
+        for batch in _batches(_guarded(reading.frames, source)):
             detections = detections_table(batch, tally.frames, tally.detections)
             poses = poses_table(batch, tally.frames)
             write_detections(detections)
@@ -111,6 +122,12 @@ def write_sequence(dataset: Dataset, sequence_id: str, reading: SequenceReading)
         "partial": reading.findings.partial,
         "problems": list(reading.findings.problems),
     }
+
+
+def _guarded(frames: Iterator[Frame], source: Path) -> Iterator[Frame]:
+    """Frames; an error of the file system while they are read is the source's, not the output's."""
+    with source_errors(source):
+        yield from frames
 
 
 def _batches(frames: Iterator[Frame]) -> Iterator[list[Frame]]:

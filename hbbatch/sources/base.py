@@ -7,6 +7,7 @@ Handles of sequences are light and picklable; nothing is read before `fingerprin
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import HEIGHT, LENGTH, FloatArray
+from hbbatch.errors import SourceError
 
 IntArray = NDArray[np.int64]
 
@@ -177,7 +179,8 @@ class SequenceHandle(Protocol):
         """Hash of everything that reading depends on; equal content, equal fingerprint.
 
         Raises:
-            SourceError: a file is missing or unreadable.
+            SourceError: something is missing.
+            OSError: a file is unreadable.
         """
         ...
 
@@ -186,6 +189,7 @@ class SequenceHandle(Protocol):
 
         Raises:
             SourceError: here or while frames are drawn; the message names the file and line.
+            OSError: a file is unreadable.
         """
         ...
 
@@ -208,8 +212,25 @@ class Source(Protocol):
 
         Raises:
             SourceError: it holds none.
+            OSError: a file is unreadable.
         """
         ...
+
+
+@contextmanager
+def source_errors(path: Path) -> Iterator[None]:
+    """Turn what the file system refuses while a source is read into one clear error.
+
+    Raises:
+        SourceError: names the file, or `path` where the system does not say which.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise SourceError(
+            f"{error.filename or path}: cannot be read ({error.strerror or error}). "
+            "Check that it is there and readable."
+        ) from error
 
 
 def no_image_boxes(count: int) -> FloatArray:

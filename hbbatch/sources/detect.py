@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import Source, SourceOptions
+from hbbatch.sources.base import Source, SourceOptions, source_errors
 from hbbatch.sources.kitti import KittiSource, is_kitti_folder
+from hbbatch.sources.log import LogSource
+from hbbatch.sources.mcap import McapLog, is_mcap_file
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,11 @@ FORMATS: Final = (
         is_kitti_folder,
         KittiSource,
     ),
+    Format(
+        "an MCAP file",
+        is_mcap_file,
+        lambda path, options: LogSource(McapLog(path), options),
+    ),
 )
 
 
@@ -45,12 +51,18 @@ def open_sources(path: Path, options: SourceOptions) -> list[Source]:
     """
     if not path.exists():
         raise SourceError(f"{path}: does not exist. Check the path.")
-    sources = list(_open_below(path, options))
+    with source_errors(path):
+        sources = list(_open_below(path, options))
     if not sources:
-        found = "an empty folder" if path.is_dir() and not any(path.iterdir()) else "not understood"
         known = "; ".join(known_format.description for known_format in FORMATS)
-        raise SourceError(f"{path}: {found}. Can be read: {known}.")
+        raise SourceError(f"{path}: {_nothing_in(path)}. Can be read: {known}.")
     return sources
+
+
+def _nothing_in(path: Path) -> str:
+    if path.is_file():
+        return "an unknown format" if path.stat().st_size else "an empty file"
+    return "a folder with nothing in it that is known" if any(path.iterdir()) else "an empty folder"
 
 
 def _open_below(path: Path, options: SourceOptions) -> Iterator[Source]:
@@ -63,6 +75,8 @@ def _open_below(path: Path, options: SourceOptions) -> Iterator[Source]:
 
 
 def _visible(folder: Path) -> Iterable[Path]:
-    with os.scandir(folder) as entries:
-        names = sorted(e.name for e in entries if not e.name.startswith(".") and not e.is_symlink())
-    return (folder / name for name in names)
+    """Entries by name, without hidden ones and links to folders, which may lead in circles."""
+    entries = sorted(folder.iterdir())
+    return [
+        e for e in entries if not e.name.startswith(".") and not (e.is_symlink() and e.is_dir())
+    ]

@@ -92,14 +92,11 @@ def read_text(path: Path) -> str:
     """The content of a text file.
 
     Raises:
-        SourceError: it is missing, unreadable or no text.
+        SourceError: it is no text.
+        OSError: it is missing or unreadable.
     """
     try:
         return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SourceError(
-            f"{path}: cannot be read ({error.strerror}). Check that the file is there and readable."
-        ) from error
     except UnicodeDecodeError as error:
         raise SourceError(
             f"{path}: is no text file (byte {error.start}). Restore it from its origin."

@@ -1,0 +1,175 @@
+"""The tree of coordinate frames of a log, and the pose of a frame in the world at any time.
+
+All transforms are read first. A moving edge is interpolated (translation linearly, rotation along
+the shortest arc, as slerp does) and carried on past its first and last sample for at most
+`EXTRAPOLATION_NS`; a static edge holds at all times.
+
+The world is the ancestor of the sensor frame that is named `map`, else `odom`, `world` or `earth`,
+else the root of the tree when something moves on the way to it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hbbatch.boxes import FloatArray
+from hbbatch.sources.base import IntArray
+from hbbatch.sources.messages.base import TransformSample
+
+EXTRAPOLATION_NS: Final = 100_000_000
+WORLD_FRAMES: Final = ("map", "odom", "world", "earth")
+
+
+def frame_name(frame_id: str) -> str:
+    """A frame id without the leading slash of ROS 1."""
+    return frame_id.removeprefix("/")
+
+
+@dataclass(frozen=True)
+class FramePoses:
+    """world_from_frame at some times.
+
+    Attributes:
+        world: name of the world frame.
+        translation_m: `(n, 3)`.
+        rotation: `(n, 4)` unit quaternions x, y, z, w.
+        exact: `(n,)` true where a sample was logged at that very time.
+        known: `(n,)` false where the time is too far outside the logged ones.
+    """
+
+    world: str
+    translation_m: FloatArray
+    rotation: FloatArray
+    exact: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+
+@dataclass
+class _Edge:
+    """parent_from_child; static when it was never published as moving."""
+
+    moving: bool = False
+    stamps_ns: list[int] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+
+    def add(self, stamp_ns: int, sample: TransformSample) -> None:
+        self.stamps_ns.append(stamp_ns)
+        self.values.append((*sample.translation_m, *sample.rotation))
+
+    def sorted(self) -> tuple[IntArray, FloatArray, Rotation]:
+        """Stamps, translations and rotations in time order, the last said of equal stamps."""
+        stamps_ns, first = np.unique(np.array(self.stamps_ns)[::-1], return_index=True)
+        values = np.array(self.values)[::-1][first]
+        return stamps_ns, values[:, :3], Rotation.from_quat(values[:, 3:])
+
+
+class TransformTree:
+    """Frames and the edges between them."""
+
+    def __init__(self) -> None:
+        self._parents: defaultdict[str, dict[str, _Edge]] = defaultdict(dict)
+
+    def add(self, sample: TransformSample, log_time_ns: int, *, static: bool) -> bool:
+        """Take a sample; one without a stamp counts at its log time.
+
+        Returns:
+            False when it is no transform: a value is not finite, or the quaternion is zero.
+        """
+        values = np.array([*sample.translation_m, *sample.rotation])
+        if not np.isfinite(values).all() or not values[3:].any():
+            return False
+        edges = self._parents[frame_name(sample.child)]
+        edge = edges.setdefault(frame_name(sample.parent), _Edge())
+        edge.moving |= not static
+        edge.add(sample.stamp_ns or log_time_ns, sample)
+        return True
+
+    def static_part(self) -> TransformTree:
+        """A copy that holds only the edges that never move."""
+        part = TransformTree()
+        for child, edges in self._parents.items():
+            for parent, edge in edges.items():
+                if not edge.moving:
+                    part._parents[child][parent] = edge
+        return part
+
+    @property
+    def moves(self) -> bool:
+        """Whether any edge was published as moving."""
+        return any(edge.moving for edges in self._parents.values() for edge in edges.values())
+
+    def frames(self) -> list[str]:
+        """Names of all frames, sorted."""
+        return sorted({*self._parents, *(p for edges in self._parents.values() for p in edges)})
+
+    def ambiguous(self) -> list[str]:
+        """Frames that were given several parents; the one said most often counts."""
+        return sorted(child for child, edges in self._parents.items() if len(edges) > 1)
+
+    def world_of(self, frame: str) -> str | None:
+        """The world above a frame, None when the tree has none for it."""
+        ancestors = self._ancestors(frame)
+        for world in WORLD_FRAMES:
+            for name in ancestors:
+                if name.rpartition("/")[2] == world:
+                    return name
+        path = [self._edge(child) for child in ancestors[:-1]]
+        return ancestors[-1] if any(edge.moving for _, edge in path) else None
+
+    def poses(self, frame: str, world: str, stamps_ns: IntArray) -> FramePoses:
+        """world_from_frame at times; `world` is `world_of(frame)`."""
+        translation_m = np.zeros((len(stamps_ns), 3))
+        rotation = Rotation.identity(len(stamps_ns))
+        exact, known = np.ones((2, len(stamps_ns)), dtype=bool)
+        while frame != world:
+            frame, edge = self._edge(frame)
+            edge_m, edge_rotation, edge_exact, edge_known = _at(edge, stamps_ns)
+            translation_m = edge_m + edge_rotation.apply(translation_m)
+            rotation = edge_rotation * rotation
+            exact &= edge_exact
+            known &= edge_known
+        return FramePoses(world, translation_m, rotation.as_quat(), exact, known)
+
+    def _edge(self, child: str) -> tuple[str, _Edge]:
+        edges = self._parents[child]
+        return max(edges.items(), key=lambda item: len(item[1].stamps_ns))
+
+    def _ancestors(self, frame: str) -> list[str]:
+        """A frame and what is above it, up to the root or to where a loop would close."""
+        path = [frame]
+        while path[-1] in self._parents:
+            parent, _ = self._edge(path[-1])
+            if parent in path:
+                break
+            path.append(parent)
+        return path
+
+
+def _at(
+    edge: _Edge, stamps_ns: IntArray
+) -> tuple[FloatArray, Rotation, NDArray[np.bool_], NDArray[np.bool_]]:
+    """An edge at times: translation, rotation, whether logged then, whether known then."""
+    times_ns, translations_m, rotations = edge.sorted()
+    if not edge.moving:
+        last = np.full(len(stamps_ns), len(times_ns) - 1)
+        always = np.ones(len(stamps_ns), dtype=bool)
+        return translations_m[last], rotations[last], always, always
+    known = (stamps_ns >= times_ns[0] - EXTRAPOLATION_NS) & (
+        stamps_ns <= times_ns[-1] + EXTRAPOLATION_NS
+    )
+    before = np.clip(np.searchsorted(times_ns, stamps_ns, side="right") - 1, 0, None)
+    before = np.minimum(before, max(len(times_ns) - 2, 0))
+    after = np.minimum(before + 1, len(times_ns) - 1)
+    span_ns = np.maximum(times_ns[after] - times_ns[before], 1)
+    share = np.where(after > before, (stamps_ns - times_ns[before]) / span_ns, 0.0)
+    step_m = translations_m[after] - translations_m[before]
+    turn = (rotations[before].inv() * rotations[after]).as_rotvec()
+    rotation = rotations[before] * Rotation.from_rotvec(share[:, None] * turn)
+    moved_m = translations_m[before] + share[:, None] * step_m
+    return moved_m, rotation, np.isin(stamps_ns, times_ns), known
