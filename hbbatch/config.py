@@ -104,6 +104,31 @@ class TrackSettings(Settings):
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:8]
 
 
+class TrainSettings(Settings):
+    """How a learned filter is trained (paper, section III-F, with what measured better)."""
+
+    measurements: Literal["detections", "labels"] = Field(
+        "detections", description="what the filter is fed: detections matched to labels, or labels"
+    )
+    motion_model: Literal["cv", "ca", "ct"] = Field("ct", description="of the classical base")
+    frames: int = Field(40, ge=3, description="length of a tracklet (paper: 20)")
+    min_frames: int = Field(8, ge=2, description="shortest stretch of an object that is used")
+    batch: int = Field(128, ge=1)
+    iterations: int = Field(1500, ge=1)
+    learning_rate: float = Field(2e-3, gt=0, description="peak of one cycle (paper: constant 1e-3)")
+    weight_decay: float = Field(1e-5, ge=0)
+    state_weight: float = Field(1.0, ge=0, description="λ1")
+    temporal_weight: float = Field(
+        0.0, ge=0, description="λ2 (paper: 1; it rewards standing still)"
+    )
+    direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
+    burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
+    longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
+    noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")
+    max_tracklets: int | None = Field(None, ge=1, description="use only so many, evenly chosen")
+    seed: int = 0
+
+
 def load_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file, safely loaded.
 

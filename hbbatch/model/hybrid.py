@@ -1,9 +1,174 @@
-"""placeholder."""
+"""HybridTrack's learnable Kalman filter: a motion model, a learned residual, a learned gain.
+
+Prior: x̂ = x + S, where S is the motion model's step plus the residual predicted from the last P
+posterior differences, the last correction and the recurrent memory. Posterior:
+x = x̂ + K·innovation, where K follows from covariances whose noises the recurrent network scales
+(Di Bella et al. 2025, section III).
+"""
 
 from __future__ import annotations
 
-from hbbatch.model.kalman import KalmanFilter
+import torch
+from torch import Tensor, nn
+
+from hbbatch.model.columns import Columns
+from hbbatch.model.filters import AXES, Innovation, Measurement, innovation, moved
+from hbbatch.model.geometry import turn
+from hbbatch.model.kalman import RANGE_UNIT_M, KalmanFilter, MotionModel
+from hbbatch.model.network import GainNetwork, ResidualPredictor
+
+_INNOVATION_UNIT = (0.3, 0.15, 0.1, 0.1, 0.2, 0.1, 0.1)
+"""Rough sizes of innovations (m, rad), so that features are of order one."""
+
+_RATE_UNIT = (10.0, 2.0, 0.5, 0.3, 0.3, 0.3, 0.3)
+"""Rough sizes of rates in the heading frame (m/s, rad/s): centre, sizes, yaw."""
+
+_FEATURE_LIMIT = 6.0
+_LONGEST_TIME_S = 2.0
 
 
-class HybridFilter(KalmanFilter):
-    """placeholder."""
+class HybridFilter(nn.Module):
+    """Rows: the base filter's, then memory, history of posterior rates, correction, counters."""
+
+    innovation_unit: Tensor
+    rate_unit: Tensor
+    kind_rows: Tensor
+
+    def __init__(
+        self,
+        class_names: tuple[str, ...],
+        motion_model: MotionModel = "ct",
+        history: int = 4,
+        memory: int = 64,
+        hidden: int = 64,
+        head: int = 32,
+    ) -> None:
+        """Make an untrained filter.
+
+        Args:
+            class_names: kinds of road users it is conditioned on.
+            motion_model: of the classical base.
+            history: P, posterior differences the residual predictor sees.
+            memory: units of the recurrent state.
+            hidden: units of the encoder.
+            head: units of each head.
+        """
+        super().__init__()
+        self.class_names = class_names
+        self.base = KalmanFilter(class_names, motion_model)
+        self.history = history
+        self.columns = Columns(
+            {
+                "base": self.base.width,
+                "memory": memory,
+                "history": 7 * history,
+                "correction": 7,
+                "process": AXES,
+                "since_seen_s": 1,
+                "age_s": 1,
+                "dt_s": 1,
+            }
+        )
+        self.width = self.columns.width
+        kinds = len(class_names)
+        self.residual = ResidualPredictor(memory + 7 * history + 7 + AXES + 3 + kinds, hidden, head)
+        self.gain = GainNetwork(7 + 7 + AXES + 3 + kinds, memory)
+        self.register_buffer("innovation_unit", torch.tensor(_INNOVATION_UNIT), persistent=False)
+        self.register_buffer("rate_unit", torch.tensor(_RATE_UNIT), persistent=False)
+        self.register_buffer("kind_rows", torch.eye(kinds), persistent=False)
+
+    def birth(self, measurement: Measurement, class_code: Tensor) -> Tensor:
+        """Rows `(n, width)` of tracks born from detections; the memory starts empty."""
+        base = self.base.birth(measurement, class_code)
+        return nn.functional.pad(base, (0, self.width - base.shape[1]))
+
+    def predict(self, boxes: Tensor, rows: Tensor, dt_s: Tensor) -> tuple[Tensor, Tensor]:
+        """Prior boxes and rows `dt_s` seconds later."""
+        column = self.columns
+        base = rows[:, column["base"]]
+        heading = boxes[:, 6:7].float()
+        cos, sin = torch.cos(heading), torch.sin(heading)
+        rates = self.residual(self._predict_features(rows, base, dt_s, cos, sin))
+        noise = (self.base.log_q[base[:, -1].long()] + rows[:, column["process"]]).exp()
+        prior, base = self.base.predict_with(boxes, base, dt_s, noise)
+        dt = dt_s[:, None]
+        step = rates * dt
+        prior = moved(prior, step[:, [0, 1, 2, 6]], step[:, 3:6], cos, sin)
+        newest = ((prior - boxes) / dt).float()
+        past = rows[:, column["history"]][:, : 7 * (self.history - 1)]
+        middle = rows[:, column["correction"].start : column["since_seen_s"].start]
+        waited = rows[:, column["since_seen_s"]] + dt
+        age = rows[:, column["age_s"]] + dt
+        memory = rows[:, column["memory"]]
+        return prior, torch.cat([base, memory, newest, past, middle, waited, age, dt], dim=1)
+
+    def _predict_features(
+        self, rows: Tensor, base: Tensor, dt_s: Tensor, cos: Tensor, sin: Tensor
+    ) -> Tensor:
+        column = self.columns
+        past = rows[:, column["history"]].reshape(len(rows), self.history, 7)
+        along, across = turn(past[..., 0], past[..., 1], cos, -sin)
+        local = torch.cat([along[..., None], across[..., None], past[..., 2:]], dim=2)
+        velocity = base[:, self.base.columns["velocity"]]
+        forward, sideways = turn(velocity[:, 0:1], velocity[:, 1:2], cos, -sin)
+        features = [
+            rows[:, column["memory"]],
+            (local / self.rate_unit).flatten(1),
+            rows[:, column["correction"]] / self.innovation_unit,
+            torch.cat([forward, sideways, velocity[:, 2:]], dim=1) / self.rate_unit[[0, 1, 2, 6]],
+            _counters(rows[:, column["since_seen_s"]], rows[:, column["age_s"]]),
+            dt_s[:, None] * 10.0,
+            self.kind_rows[base[:, -1].long()],
+        ]
+        return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
+
+    def update(self, prior: Tensor, rows: Tensor, seen: Measurement) -> tuple[Tensor, Tensor]:
+        """Posterior boxes and rows after a matched detection."""
+        column = self.columns
+        base = rows[:, column["base"]]
+        new = innovation(prior, seen.boxes)
+        memory, process, measured, size = self.gain(
+            self._update_features(rows, base, new, seen), rows[:, column["memory"]]
+        )
+        variance, size_variance = self.base.measurement_variance(seen, base[:, -1].long())
+        posterior, base = self.base.update_with(
+            prior, base, seen, variance * measured.exp(), size_variance * size.exp()
+        )
+        correction = (posterior - prior).float()
+        turned = torch.remainder(correction[:, 6:7] + torch.pi / 2, torch.pi) - torch.pi / 2
+        correction = torch.cat([correction[:, :6], turned], dim=1)
+        past = rows[:, column["history"]]
+        dt = rows[:, column["dt_s"]]
+        newest = past[:, :7] + correction / dt
+        along, across = turn(correction[:, 0:1], correction[:, 1:2], new.cos, -new.sin)
+        local = torch.cat([along, across, correction[:, 2:]], dim=1)
+        age = rows[:, column["age_s"]]
+        return posterior, torch.cat(
+            [base, memory, newest, past[:, 7:], local, process, torch.zeros_like(age), age, dt],
+            dim=1,
+        )
+
+    def _update_features(
+        self, rows: Tensor, base: Tensor, new: Innovation, seen: Measurement
+    ) -> Tensor:
+        column = self.columns
+        spread = base[:, self.base.columns["covariance"]][:, :AXES]
+        features = [
+            torch.cat([new.motion, new.size], dim=1) / self.innovation_unit,
+            rows[:, column["correction"]] / self.innovation_unit,
+            torch.log(spread) * 0.25,
+            _counters(rows[:, column["since_seen_s"]], rows[:, column["age_s"]]),
+            (seen.range_m / RANGE_UNIT_M)[:, None],
+            self.kind_rows[base[:, -1].long()],
+        ]
+        return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
+
+    def velocity(self, rows: Tensor) -> Tensor:
+        """`(n, 3)` velocity in the world frame, m/s."""
+        return self.base.velocity(rows[:, self.columns["base"]])
+
+
+def _counters(since_seen_s: Tensor, age_s: Tensor) -> Tensor:
+    """Time since the last detection and age, compressed; what training never saw is cut off."""
+    both = torch.cat([since_seen_s, age_s], dim=1).clamp(max=_LONGEST_TIME_S)
+    return torch.log1p(10.0 * both) * 0.5

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hbbatch.boxes import FloatArray
 from hbbatch.config import TrackSettings
 from hbbatch.model.filters import Measurement, MotionFilter
 from hbbatch.tracking.association import Pairs, associate
@@ -88,7 +89,13 @@ class LockStep:
         if not len(rows):
             return rows.boxes, rows.state
         dt = torch.from_numpy(self._dt[step, rows.sequence]).to(self._device, non_blocking=True)
-        return self._motion.predict(rows.boxes, rows.state, dt)
+        prior, state = self._motion.predict(rows.boxes, rows.state, dt)
+        damping = self._settings.damping
+        if damping.enabled:
+            share = scaling_factor(rows.age + 1, rows.misses, self._settings)
+            factor = torch.from_numpy(share).to(self._device, non_blocking=True)[:, None]
+            prior[:, :3] = torch.lerp(rows.boxes[:, :3], prior[:, :3], factor)
+        return prior, state
 
     def _associate(self, prior: Tensor, detections: IntArray) -> Pairs:
         """Matched (row, detection number of the group)."""
@@ -106,7 +113,8 @@ class LockStep:
     def _update(self, prior: Tensor, state: Tensor, pairs: Pairs) -> None:
         rows = self._rows
         rows.boxes, rows.state = prior, state
-        rows.misses = rows.misses + 1
+        rows.age += 1
+        rows.misses += 1
         rows.misses[pairs.track] = 0
         rows.hits[pairs.track] += 1
         if len(pairs.track):
@@ -191,6 +199,22 @@ class LockStep:
         share = StageSeconds(*(part * seconds for seconds in vars(clock).values()))
         self._clock = StageSeconds(*((1 - part) * seconds for seconds in vars(clock).values()))
         return share
+
+
+def scaling_factor(age: IntArray, misses: IntArray, settings: TrackSettings) -> FloatArray:
+    """The dynamic scaling factor α of each row's step (paper, section III-B).
+
+    Args:
+        age: `(n,)` steps since birth, this one included.
+        misses: `(n,)` consecutive misses so far.
+        settings: damping and management.
+    """
+    damping = settings.damping
+    ramp = np.minimum(age / damping.ramp_frames, 1.0)
+    patience = 1.0 - misses / settings.management.max_misses
+    coasting = patience * (damping.maximum - damping.minimum) + damping.minimum
+    factor: FloatArray = np.where(misses > 0, ramp * coasting, ramp)
+    return np.where(misses >= settings.management.max_misses, damping.minimum, factor)
 
 
 def _interval_table(plan: Schedule) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:

@@ -1,0 +1,64 @@
+"""The two learned parts: what the motion model misses, and how much to trust a detection.
+
+Sizes are small on purpose: a step of one track is some ten thousand multiply-adds.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from hbbatch.model.filters import AXES
+
+HEADS = {"centre": 3, "size": 3, "yaw": 1}
+"""The three parallel heads of the residual predictor and how many coordinates each gives."""
+
+
+class ResidualPredictor(nn.Module):
+    """An encoder and three heads (paper, section III-B): the step the motion model misses.
+
+    The last layers start at zero, so an untrained network leaves the motion model as it is.
+    """
+
+    def __init__(self, features: int, hidden: int, head: int) -> None:
+        """Encoder to `hidden`, each head through `head` units."""
+        super().__init__()
+        self.encoder = nn.Linear(features, hidden)
+        self.heads_in = nn.Linear(hidden, head * len(HEADS))
+        self.heads_out = nn.ModuleDict({name: nn.Linear(head, n) for name, n in HEADS.items()})
+        for layer in self.heads_out.values():
+            _start_at_zero(layer)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Rates `(n, 7)`: m/s along, across and up, m/s of the sizes, rad/s of yaw."""
+        encoded = torch.relu(self.heads_in(torch.relu(self.encoder(features))))
+        parts = encoded.chunk(len(HEADS), dim=1)
+        heads = zip(self.heads_out.values(), parts, strict=True)
+        return torch.cat([layer(part) for layer, part in heads], dim=1)
+
+
+class GainNetwork(nn.Module):
+    """The recurrent part (paper, section III-D): noises that set the Kalman gain.
+
+    KalmanNet's (Revach et al. 2022) roles of process noise, prior covariance and innovation
+    covariance: the covariances themselves are carried in closed form, and one recurrent state
+    scales the process noise of the next step and the measurement noise of this one.
+    """
+
+    def __init__(self, features: int, memory: int) -> None:
+        """A gated recurrent unit of `memory` units and a linear read-out."""
+        super().__init__()
+        self.recurrent = nn.GRUCell(features, memory)
+        self.read_out = nn.Linear(memory, 2 * AXES + 3)
+        _start_at_zero(self.read_out)
+
+    def forward(self, features: Tensor, memory: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """New memory; log factors of process (n, 4), measurement (n, 4) and size (n, 3) noise."""
+        memory = self.recurrent(features, memory)
+        process, measured, size = self.read_out(memory).split([AXES, AXES, 3], dim=1)
+        return memory, process, measured, size
+
+
+def _start_at_zero(layer: nn.Module) -> None:
+    for parameter in layer.parameters():
+        nn.init.zeros_(parameter)

@@ -1,0 +1,131 @@
+"""Training of the learned filter, end to end over prediction and update (paper, section III-F)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from hbbatch.config import TrainSettings
+from hbbatch.model.filters import MotionFilter
+from hbbatch.model.hybrid import HybridFilter
+from hbbatch.model.losses import (
+    COORDINATE_WEIGHTS,
+    direction_loss,
+    state_loss,
+    temporal_loss,
+)
+from hbbatch.model.unroll import unroll
+from hbbatch.model.windows import Windows, WindowSet
+
+Progress = Callable[[int, float], None]
+
+_WORST_LOSS = 5.0
+"""Cap on the loss of one box, so that a wrongly matched detection does not rule a batch."""
+
+_LONGEST_GRADIENT = 1.0
+
+
+class LossParts(NamedTuple):
+    """Means over the valid boxes of a batch, each a scalar."""
+
+    prior: Tensor
+    posterior: Tensor
+    temporal: Tensor
+    direction: Tensor
+
+
+def train_hybrid(
+    motion: HybridFilter, data: WindowSet, settings: TrainSettings, progress: Progress
+) -> list[float]:
+    """Train in place.
+
+    Args:
+        motion: the filter; its classical base should be fitted already.
+        data: training windows.
+        settings: how long, how fast, which losses.
+        progress: called with the iteration and its loss.
+
+    Returns:
+        The loss of every iteration.
+    """
+    generator = torch.Generator().manual_seed(settings.seed)
+    optimiser = torch.optim.Adam(
+        motion.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+    )
+    rates = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, settings.learning_rate, total_steps=settings.iterations, pct_start=0.05
+    )
+    history = []
+    for iteration in range(settings.iterations):
+        chosen = torch.randint(len(data), (settings.batch,), generator=generator)
+        windows = augment(data.cut(chosen, settings.frames), settings, generator)
+        loss = total_loss(batch_losses(motion, windows), settings)
+        optimiser.zero_grad()
+        torch.autograd.backward(loss)
+        nn.utils.clip_grad_norm_(motion.parameters(), _LONGEST_GRADIENT)
+        optimiser.step()
+        rates.step()
+        history.append(loss.item())
+        progress(iteration, history[-1])
+    return history
+
+
+def total_loss(parts: LossParts, settings: TrainSettings) -> Tensor:
+    """L = λ₁·L_states + λ₂·L_temporal + λ₃·L_direction."""
+    return (
+        settings.state_weight * (parts.prior + parts.posterior)
+        + settings.temporal_weight * parts.temporal
+        + settings.direction_weight * parts.direction
+    )
+
+
+def batch_losses(motion: MotionFilter, windows: Windows) -> LossParts:
+    """The four losses of a batch, unrolled from birth."""
+    weights = torch.tensor(COORDINATE_WEIGHTS)
+    prior = posterior = temporal = direction = torch.zeros(())
+    before = windows.measured[:, 0, :3]
+    previous_step = torch.zeros_like(before).float()
+    for step in unroll(motion, windows):
+        valid = windows.valid[:, step.frame]
+        truth = windows.truth[:, step.frame]
+        centre_step = (step.posterior[:, :3] - before).float()
+        prior = prior + _capped(state_loss(step.prior, truth, weights), valid)
+        posterior = posterior + _capped(state_loss(step.posterior, truth, weights), valid)
+        temporal = temporal + _capped(temporal_loss(centre_step), valid)
+        if step.frame > 1:
+            direction = direction + _capped(direction_loss(centre_step, previous_step), valid)
+        before, previous_step = step.posterior[:, :3], centre_step
+    count = windows.valid[:, 1:].sum().clamp(min=1)
+    return LossParts(prior / count, posterior / count, temporal / count, direction / count)
+
+
+def _capped(loss: Tensor, valid: Tensor) -> Tensor:
+    return torch.where(valid, loss.clamp(max=_WORST_LOSS), 0.0).sum()
+
+
+def augment(windows: Windows, settings: TrainSettings, generator: torch.Generator) -> Windows:
+    """Bursts of missed detections and left-right mirror images.
+
+    Turning the scene changes nothing: filters work in each track's own heading frame.
+    """
+    batch, frames = windows.seen.shape
+    first = torch.randint(1, frames, (batch, 1), generator=generator)
+    length = torch.randint(1, settings.longest_burst + 1, (batch, 1), generator=generator)
+    missing = torch.rand(batch, 1, generator=generator) < settings.burst_probability
+    frame = torch.arange(frames)
+    burst = missing & (frame >= first) & (frame < first + length)
+    side = torch.where(torch.rand(batch, 1, generator=generator) < 0.5, -1.0, 1.0).double()
+    return windows._replace(
+        seen=windows.seen & ~burst,
+        truth=_mirrored(windows.truth, side),
+        measured=_mirrored(windows.measured, side),
+    )
+
+
+def _mirrored(boxes: Tensor, side: Tensor) -> Tensor:
+    return torch.stack(
+        [column * side if i in (1, 6) else column for i, column in enumerate(boxes.unbind(-1))], -1
+    )
