@@ -14,7 +14,8 @@ import pyarrow as pa
 
 from hbbatch import schema
 from hbbatch.dataset import Dataset
-from hbbatch.errors import ExitStatus, SequenceError, SourceError
+from hbbatch.dataset.store import check_name
+from hbbatch.errors import ExitStatus, SequenceError, SourceError, UsageError
 from hbbatch.runner.ingest_tables import write_sequence
 from hbbatch.sources.base import SequenceHandle, Source, SourceOptions, source_errors
 from hbbatch.sources.detect import open_sources
@@ -160,9 +161,10 @@ def _ingest_sequence(
     force: bool,
 ) -> SequenceOutcome:
     started = time.perf_counter()
-    row, error = None, None
+    former, row, error = None, None, None
     try:
         with source_errors(source.path):
+            check_name(handle.sequence_id, f"{source.path}: sequence")
             former = _catalog_row(dataset, handle.sequence_id)
             source_hash = _source_hash(source, handle)
             _check_owner(source, handle, owners, former, source_hash, force)
@@ -171,8 +173,9 @@ def _ingest_sequence(
             else:
                 status = IngestStatus.REPLACED if former else IngestStatus.INGESTED
                 row = _write(dataset, source, handle, source_hash)
-    except (SourceError, SequenceError) as failure:
-        status, error = IngestStatus.FAILED, str(failure)
+    except (SourceError, SequenceError, UsageError) as failure:
+        kept = " The dataset keeps what it had of this sequence." if former else ""
+        status, error = IngestStatus.FAILED, f"{failure}{kept}"
     seconds = time.perf_counter() - started
     return SequenceOutcome(handle.sequence_id, source.path, status, seconds, row, error)
 

@@ -63,7 +63,7 @@ class KittiSource:
     format_name: str = "kitti_tracking"
 
     def sequences(self) -> Sequence[KittiSequence]:
-        """Every sequence that any part of the folder or the detections know of."""
+        """Every sequence that any part of the folder or, numbered, the detections know of."""
         folder = self._detections()
         in_parts = {e.stem for part in _PARTS for e in _entries(self.path / part)}
         detected = detected_sequences(folder)
@@ -73,7 +73,8 @@ class KittiSource:
                 "NNNN/FFFFFF.txt there, or both a class folder deeper; name the folder with "
                 "--detections."
             )
-        return [KittiSequence(self.path, folder, i) for i in sorted(in_parts | detected)]
+        numbered = {sequence_id for sequence_id in detected if sequence_id.isdecimal()}
+        return [KittiSequence(self.path, folder, i) for i in sorted(in_parts | numbered)]
 
     def _detections(self) -> Path:
         candidates = [self.path / name for name in _DETECTION_FOLDERS]

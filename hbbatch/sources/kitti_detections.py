@@ -71,9 +71,9 @@ def detection_files(folder: Path, sequence_id: str) -> list[Path]:
 
 
 def detected_sequences(folder: Path) -> set[str]:
-    """Ids of the sequences that a folder holds detections of; KITTI numbers its sequences."""
+    """Names in a folder of detections, or its class folders, that may be those of sequences."""
     entries = [e for root in [folder, *_class_folders(folder)] for e in root.iterdir()]
-    return {e.stem for e in entries if e.stem.isdecimal() and (e.is_dir() or e.suffix == ".txt")}
+    return {e.stem for e in entries if e.is_dir() or e.suffix == ".txt"}
 
 
 def _files_in(root: Path, sequence_id: str) -> list[Path]:
