@@ -1,0 +1,1 @@
+"""Simulated drives: traffic, a sensor, a detector's faults, and the log they would have left."""
