@@ -16,6 +16,7 @@ from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
 from hbbatch.cli.relabel import relabel
 from hbbatch.cli.track import track
+from hbbatch.cli.train import train
 from hbbatch.errors import ExitStatus, HbbatchError
 
 _TRACEBACK = "HBBATCH_TRACEBACK"
@@ -31,6 +32,7 @@ app.command()(ingest)
 app.command()(track)
 app.command("eval")(evaluate)
 app.command()(relabel)
+app.command()(train)
 
 
 def _print_version(wanted: bool) -> None:

@@ -7,6 +7,7 @@ own forecast of it, so process and measurement noise are told apart without any 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -22,7 +23,14 @@ TAIL = 5.0
 
 
 def fit_noise(
-    motion: KalmanFilter, data: WindowSet, *, iterations: int, batch: int, frames: int, seed: int
+    motion: KalmanFilter,
+    data: WindowSet,
+    *,
+    iterations: int,
+    batch: int,
+    frames: int,
+    seed: int,
+    progress: Callable[[int, float], None],
 ) -> list[float]:
     """Fit all noise parameters in place.
 
@@ -33,14 +41,15 @@ def fit_noise(
     optimiser = torch.optim.Adam(motion.parameters(), lr=0.05)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, iterations, eta_min=2e-3)
     history = []
-    for _ in range(iterations):
-        windows = data.cut(torch.randint(len(data), (batch,), generator=generator), frames)
+    for iteration in range(iterations):
+        windows = data.cut(data.draw(batch, generator), frames)
         loss = negative_log_likelihood(motion, windows)
         optimiser.zero_grad()
         torch.autograd.backward(loss)
         optimiser.step()
         schedule.step()
         history.append(loss.item())
+        progress(iteration, history[-1])
     return history
 
 

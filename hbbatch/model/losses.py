@@ -36,7 +36,10 @@ def temporal_loss(step_m: Tensor) -> Tensor:
 
 def direction_loss(step_m: Tensor, previous_step_m: Tensor) -> Tensor:
     """Change of the direction of motion between two steps, `(n,)` (L_direction)."""
-    return torch.linalg.vector_norm(_direction(step_m) - _direction(previous_step_m), dim=1)
+    change: Tensor = torch.linalg.vector_norm(
+        _direction(step_m) - _direction(previous_step_m), dim=1
+    )
+    return change
 
 
 def _direction(step_m: Tensor) -> Tensor:

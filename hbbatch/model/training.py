@@ -60,7 +60,7 @@ def train_hybrid(
     )
     history = []
     for iteration in range(settings.iterations):
-        chosen = torch.randint(len(data), (settings.batch,), generator=generator)
+        chosen = data.draw(settings.batch, generator)
         windows = augment(data.cut(chosen, settings.frames), settings, generator)
         loss = total_loss(batch_losses(motion, windows), settings)
         optimiser.zero_grad()

@@ -62,6 +62,12 @@ class WindowSet:
     def __len__(self) -> int:
         return len(self.start)
 
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        """Random windows; rare kinds are drawn more often than their share (square root)."""
+        frequency = torch.bincount(self.kind_code).double()
+        weights = frequency.clamp(min=1).rsqrt()[self.kind_code]
+        return torch.multinomial(weights, count, replacement=True, generator=generator)
+
     def cut(self, windows: Tensor, frames: int) -> Windows:
         """The chosen windows, `frames` long; frames after an object's end are not valid."""
         offset = torch.arange(frames)
