@@ -61,7 +61,7 @@ def read_manifest(run: Run) -> dict[str, Any]:
     try:
         content = json.loads(run.manifest.read_text())
         written_by = int(content["format_version"])
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return {}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(

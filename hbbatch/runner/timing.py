@@ -24,7 +24,7 @@ def timing_row(
 ) -> TimingRow:
     """The row of a sequence that was just written."""
     seconds = {"read_s": read_s, "write_s": write_s}
-    seconds |= {f"{stage}_s": value for stage, value in vars(tracked.seconds).items()}
+    seconds |= {f"{stage}_s": float(value) for stage, value in vars(tracked.seconds).items()}
     wall_s = sum(seconds.values())
     frames = tracked.frames.frame_count
     return {
