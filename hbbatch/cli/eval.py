@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption
+from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption, JsonOption
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,17 +35,16 @@ def evaluate(
     per_sequence: Annotated[
         bool, typer.Option("--per-sequence", help="A row for each sequence, too.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Score a run against the labels: HOTA, MOTA, IDF1 and their parts (TrackEval)."""
-    import json
-
+    from hbbatch.cli.output import print_json
     from hbbatch.errors import ExitStatus
     from hbbatch.runner.evaluate import evaluate
 
     report = evaluate(dataset, run, sequence_id, class_name)
     if as_json:
-        typer.echo(json.dumps(report.to_json(), indent=2))
+        print_json(report.to_json())
     else:
         print_report(report, per_sequence)
     if report.failed:
@@ -54,16 +53,15 @@ def evaluate(
 
 def print_report(report: EvaluationReport, per_sequence: bool = False) -> None:
     """The scores as a table on stdout, what was left out on stderr."""
-    from rich.console import Console
+    from hbbatch.cli.output import complain, print_table
 
-    console, errors = Console(), Console(stderr=True)
-    console.print(_table(report, per_sequence))
+    print_table(_table(report, per_sequence))
     if report.unlabelled:
-        errors.print(f"Without labels, left out: {', '.join(report.unlabelled)}")
+        complain(f"without labels, left out: {', '.join(report.unlabelled)}")
     if report.untracked_classes:
-        errors.print(f"Labelled but not tracked, left out: {', '.join(report.untracked_classes)}")
+        complain(f"labelled but not tracked, left out: {', '.join(report.untracked_classes)}")
     for reason in report.failed.values():
-        errors.print(f"error: {reason}", markup=False)
+        complain(f"error: {reason}")
 
 
 def _table(report: EvaluationReport, per_sequence: bool) -> Table:

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from hbbatch import __version__
+from hbbatch.cli.demo import demo
 from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
 from hbbatch.cli.relabel import relabel
@@ -32,6 +33,7 @@ app.command()(ingest)
 app.command()(track)
 app.command("eval")(evaluate)
 app.command()(relabel)
+app.command()(demo)
 app.command()(train)
 
 

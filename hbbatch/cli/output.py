@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 _SHOWN_LINES = 8
 _PLAIN_WIDTH = 160
@@ -20,7 +23,6 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 def print_summary(title: str, lines: Sequence[tuple[str, str]]) -> None:
     """Results as a short table of names and values on stdout."""
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -29,6 +31,13 @@ def print_summary(title: str, lines: Sequence[tuple[str, str]]) -> None:
     table.add_column(overflow="fold")
     for name, value in lines:
         table.add_row(name, Text(value))
+    print_table(table)
+
+
+def print_table(table: Table) -> None:
+    """A table on stdout, at full width where that is no terminal."""
+    from rich.console import Console
+
     console = Console()
     if not console.is_terminal:
         console = Console(width=_PLAIN_WIDTH)

@@ -107,7 +107,7 @@ class Detector:
         found = np.flatnonzero(ndtr(self._errors[:, _MISS]) < recall)
         boxes = self._noisy(seen)[found]
         # What is easy to find is scored high; the rest of the score is luck.
-        quality = 3.0 * recall + 0.7 * self._errors[:, _SCORE] - 0.8
+        quality = 3.0 * recall + 0.9 * self._errors[:, _SCORE] - 1.0
         scores = 1 / (1 + np.exp(-quality[found]))
         return Detections(boxes, scores, self.class_codes[found], found)
 

@@ -95,7 +95,7 @@ class DetectorSettings:
     duplicate_share: float = 0.01
     transient_per_frame: float = 0.4
     clutter: int = 40
-    clutter_share: float = 0.15
+    clutter_share: float = 0.1
 
 
 @dataclass(frozen=True)
