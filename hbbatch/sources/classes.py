@@ -33,7 +33,7 @@ TAXONOMY: Final[dict[str, tuple[str, ...]]] = {
     "traffic_sign": ("sign",),
     "hazard": (),
     "misc": ("other",),
-    DONT_CARE: ("dontcare", "ignore"),
+    DONT_CARE: ("ignore",),
     UNKNOWN: ("", "unclassified", "undefined", "none"),
 }
 """Normalised name to the other spellings it is known by; case and separators do not matter."""

@@ -61,7 +61,10 @@ class LogSource:
         stem = safe_name(self.path.stem)
         if len(topics) == 1:
             return [LogSequence(self.log, topics[0], stem)]
-        return [LogSequence(self.log, topic, safe_name(f"{stem}-{topic}")) for topic in topics]
+        return [
+            LogSequence(self.log, topic, safe_name(f"{stem}-{topic.strip('/')}"))
+            for topic in topics
+        ]
 
     def _topics(self) -> Sequence[str]:
         channels = self.log.channels()
