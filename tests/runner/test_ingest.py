@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -10,8 +11,9 @@ import pytest
 
 from hbbatch import schema
 from hbbatch.dataset import Dataset
-from hbbatch.errors import DatasetError, ExitStatus
+from hbbatch.errors import DatasetError, ExitStatus, SourceError
 from hbbatch.runner.ingest import IngestReport, ingest
+from hbbatch.sources.base import Frame
 from tests import logs
 from tests.kitti_folders import CAR, calibration_text, write_sequence
 
@@ -251,10 +253,12 @@ def test_failure_in_the_middle_of_a_sequence_leaves_nothing(
     """Batches have been written when the reader fails."""
     monkeypatch.setattr("hbbatch.runner.ingest_tables._BATCH_ROWS", 1)
 
-    def broken(*_: object) -> None:
-        raise OSError(5, "Input/output error", "/drive/of/doom")
+    def breaking(frames: Iterator[Frame], _: Path) -> Iterator[Frame]:
+        yield next(frames)
+        yield next(frames)
+        raise SourceError("the disk died")
 
-    monkeypatch.setattr("hbbatch.runner.ingest_tables.poses_table", broken)
+    monkeypatch.setattr("hbbatch.runner.ingest_tables._guarded", breaking)
     report = ingest([write_sequence(tmp_path / "kitti")], tmp_path / "out")
     assert statuses(report) == {"0000": "failed"}
     assert list(files(tmp_path / "out")) == ["catalog.parquet"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -43,7 +45,9 @@ def test_between_samples_position_is_linear_and_rotation_slerp() -> None:
     poses = driving_tree().poses("lidar", "map", np.array([10 * SECOND + SECOND // 2]))
     half = Rotation.from_euler("z", 45, degrees=True)
     np.testing.assert_allclose(poses.rotation, [half.as_quat()], atol=1e-12)
-    np.testing.assert_allclose(poses.translation_m, [half.apply([2, 0, 0]) + [5, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        poses.translation_m, half.apply([[2, 0, 0]]) + np.array([5, 0, 0]), atol=1e-12
+    )
     assert not poses.exact[0]
     assert poses.known[0]
 
@@ -92,7 +96,7 @@ def test_a_single_moving_sample_holds_near_its_time() -> None:
 )
 def test_world_is_found_above_the_sensor(chain: tuple[str, ...], world: str) -> None:
     tree = TransformTree()
-    for parent, child in zip(chain, chain[1:], strict=False):
+    for parent, child in pairwise(chain):
         add(tree, parent, child, SECOND)
     assert tree.world_of("base_link") == world
 
