@@ -1,0 +1,112 @@
+"""What every command has in common: help, version, and errors in one line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hbbatch import __version__
+from hbbatch.cli import main as main_module
+from hbbatch.cli.main import main
+from hbbatch.cli.options import Device, FilterChoice
+from hbbatch.config import DeviceName, FilterName
+from hbbatch.errors import DatasetError
+
+
+def hbbatch(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "hbbatch", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """Exit status of the command line in this process."""
+    monkeypatch.setattr(sys, "argv", ["hbbatch", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    status = caught.value.code
+    assert isinstance(status, int)
+    return status
+
+
+def test_the_version_is_printed() -> None:
+    result = hbbatch("--version")
+    assert (result.returncode, result.stdout) == (0, f"hbbatch {__version__}\n")
+
+
+def test_help_names_the_commands(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main(monkeypatch, "--help") == 0
+    shown = capsys.readouterr().out
+    for command in ("ingest", "track", "eval", "relabel"):
+        assert command in shown
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["nonsense"], ["track", "--device", "abacus"], ["track", "--workers", "0"], ["relabel"]],
+)
+def test_usage_errors_exit_2_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert run_main(monkeypatch, *arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def raise_from_app(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def app() -> None:
+        raise error
+
+    monkeypatch.setattr(main_module, "app", app)
+
+
+def test_errors_raised_on_purpose_are_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raise_from_app(monkeypatch, DatasetError("data: gone.\nLook for it."))
+    assert run_main(monkeypatch) == 1
+    assert capsys.readouterr().err == "error: data: gone. Look for it.\n"
+
+
+def test_defects_are_one_line_and_a_hint(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("HBBATCH_TRACEBACK", raising=False)
+    raise_from_app(monkeypatch, KeyError("x"))
+    assert run_main(monkeypatch) == 1
+    shown = capsys.readouterr().err
+    assert shown.count("\n") == 1
+    assert "KeyError" in shown
+    assert "--traceback" in shown
+
+
+def test_defects_show_where_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HBBATCH_TRACEBACK", "1")
+    raise_from_app(monkeypatch, KeyError("x"))
+    with pytest.raises(KeyError):
+        main()
+
+
+def test_a_reader_that_leaves_is_no_error_message(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m hbbatch --help | true"
+    result = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ
+    )
+    assert result.stderr == ""
+
+
+def test_completion_is_offered_for_bash() -> None:
+    environment = {**os.environ, "_HBBATCH_COMPLETE": "complete_bash", "COMP_WORDS": "hbbatch tr"}
+    environment["COMP_CWORD"] = "1"
+    command = [sys.executable, "-c", "from hbbatch.cli.main import app; app(prog_name='hbbatch')"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert "track" in result.stdout.split()
+
+
+def test_choices_are_those_of_the_settings() -> None:
+    assert {choice.value for choice in Device} == set(DeviceName.__args__)  # type: ignore[attr-defined]
+    assert {choice.value for choice in FilterChoice} == set(FilterName.__args__)  # type: ignore[attr-defined]

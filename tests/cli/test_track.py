@@ -1,0 +1,110 @@
+"""`hbbatch track` as it is typed, on a dataset of a few boxes with the classical filter."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from typer.testing import CliRunner, Result
+
+from hbbatch.cli.main import app
+from hbbatch.dataset import Dataset
+from hbbatch.errors import HbbatchError
+from tests.runner.small_dataset import catalog_row, make_dataset, write_catalog
+
+KALMAN = ("--filter", "kalman", "--workers", "1", "--device", "cpu")
+
+
+def hbbatch_track(dataset: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(app, ["track", "-d", str(dataset), *KALMAN, *arguments])
+
+
+def test_the_summary_goes_to_stdout_and_nothing_to_stderr(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a", "b", frames=5)
+    result = hbbatch_track(tmp_path)
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    for part in ("2 tracked, 0 up to date, 0 failed", "frames per s", "kitti/*.txt", "time split"):
+        assert part in result.stdout
+
+
+def test_nothing_to_do_is_said(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    hbbatch_track(tmp_path)
+    result = hbbatch_track(tmp_path)
+    assert result.exit_code == 0
+    assert "nothing to do" in result.stdout
+
+
+def test_json_is_all_there_is_on_stdout(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a", "b")
+    report = json.loads(hbbatch_track(tmp_path, "--json", "--run", "mine", "b").stdout)
+    assert report["run"] == "mine"
+    assert report["tracked"] == ["b"]
+    assert report["frames"] == 3
+    assert report["device"] == "cpu"
+    assert report["exit_status"] == 0
+
+
+def test_a_failed_sequence_is_a_line_on_stderr_and_status_1(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a", "b")
+    dataset.path("detections", "b").unlink()
+    result = hbbatch_track(tmp_path)
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: sequence b: detections of sequence b")
+    assert result.stderr.count("\n") == 1
+    assert "1 tracked, 0 up to date, 1 failed" in result.stdout
+
+
+def test_data_loss_is_status_3(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a")
+    write_catalog(dataset, catalog_row("a", partial=True, problems=["log ends early"]))
+    result = hbbatch_track(tmp_path)
+    assert result.exit_code == 3
+    assert "a: log ends early" in result.stdout
+
+
+def test_options_reach_the_settings(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    config = tmp_path / "c.yaml"
+    config.write_text("min_score: 0.1\noutput: {protocol: online}\n")
+    arguments = ("--config", str(config), "--class", "car", "--class", "van", "--min-score", "0.2")
+    hbbatch_track(tmp_path, *arguments, "--run", "r")
+    settings = json.loads(Dataset(tmp_path).run("r").manifest.read_text())["settings"]
+    assert settings["filter"] == "kalman"
+    assert settings["classes"] == ["car", "van"]
+    assert settings["min_score"] == 0.2
+    assert settings["output"]["protocol"] == "online"
+
+
+def test_an_unknown_sequence_is_a_usage_error(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    result = hbbatch_track(tmp_path, "z")
+    assert isinstance(result.exception, HbbatchError)
+    assert result.exception.exit_status == 2
+
+
+def test_ctrl_c_ends_quietly_with_130_and_leaves_no_half_written_file(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a", "b", "c", frames=30_000)
+    arguments = ["track", "-d", str(tmp_path), "--filter", "kalman", "--workers", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hbbatch", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not list(tmp_path.glob("runs/*/run.json")):
+        assert process.poll() is None
+    # As a terminal does: to the whole process group.
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip() == (
+        "interrupted: sequences that had ended are kept, the same command goes on"
+    )
+    assert not list(tmp_path.rglob("*.partial"))
