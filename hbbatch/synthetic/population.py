@@ -312,7 +312,7 @@ def _drivers(
 ) -> Drivers:
     sizes = np.array([_random_size(int(code), rng) for code in codes])
     sizes[0] = EGO_SIZE_M
-    points = _padded([route.points for route in routes])
+    points = _padded([route.points for route in routes], 2)
     tangents = np.gradient(points, axis=1)
     tangents /= np.maximum(np.linalg.norm(tangents, axis=2, keepdims=True), 1e-9)
     headings = np.unwrap(np.arctan2(tangents[..., 1], tangents[..., 0]), axis=1)
@@ -328,8 +328,8 @@ def _drivers(
         routes=points,
         tangents=tangents,
         curvature=np.maximum(np.abs(np.gradient(headings, axis=1)), 1e-4),
-        stops=_padded([route.stops[:, None] for route in routes], np.inf)[..., 0],
-        signals=_padded([route.signals for route in routes]).astype(np.int64),
+        stops=_padded([route.stops[:, None] for route in routes], 1, np.inf)[..., 0],
+        signals=_padded([route.signals for route in routes], 3).astype(np.int64),
         desired=desired,
         rear=points[driver, row].copy(),
         yaw=headings[driver, row].copy(),
@@ -339,10 +339,12 @@ def _drivers(
     )
 
 
-def _padded(rows: list[NDArray[np.generic]], value: float | None = None) -> FloatArray:
+def _padded(
+    rows: list[NDArray[np.generic]], columns: int, value: float | None = None
+) -> FloatArray:
     """Arrays of unequal length side by side; the last row repeated, or `value`, fills up."""
-    longest = max(map(len, rows))
-    filled = np.zeros((len(rows), longest, rows[0].shape[1]))
+    longest = max(map(len, rows), default=2)
+    filled = np.zeros((len(rows), longest, columns))
     for target, row in zip(filled, rows, strict=True):
         target[: len(row)] = row
         target[len(row) :] = row[-1] if value is None else value
@@ -357,8 +359,8 @@ def _walkers(
     size = np.array([_random_size(PEDESTRIAN, rng) for _ in range(count)]).reshape(-1, 3)
     desired = rng.uniform(0.7, 1.7, count) * (rng.random(count) > 0.1)
     return Walkers(
-        ways=_padded([way for way, _ in ways]),
-        roadway=_padded([roadway[:, None] for _, roadway in ways])[..., 0].astype(bool),
+        ways=_padded([way for way, _ in ways], 2),
+        roadway=_padded([roadway[:, None] for _, roadway in ways], 1)[..., 0].astype(bool),
         size=size,
         desired=desired,
         speed=desired.copy(),
