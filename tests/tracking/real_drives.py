@@ -1,0 +1,29 @@
+"""Real drives, ingested on the way."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+from hbbatch.dataset import Dataset
+from hbbatch.model.kinds import KIND_OF_CLASS
+from hbbatch.runner.ingest import ingest
+from hbbatch.tracking.frames import SequenceFrames, sequence_frames
+
+
+@cache
+def real_dataset(test_data: Path, detector: str = "virconv") -> Dataset:
+    """All KITTI training sequences with the detections of one detector."""
+    root = Path(mkdtemp(prefix="hbbatch-test-")) / "dataset"
+    kitti = test_data / "kitti"
+    ingest([kitti / "training"], root, detections=kitti / "detections" / detector / "training")
+    return Dataset.open(root)
+
+
+@cache
+def real_frames(test_data: Path, sequence_id: str) -> SequenceFrames:
+    """VirConv detections of a KITTI training sequence."""
+    dataset = real_dataset(test_data)
+    detections, poses = dataset.detections(sequence_id), dataset.poses(sequence_id)
+    return sequence_frames(sequence_id, detections, poses, list(KIND_OF_CLASS))

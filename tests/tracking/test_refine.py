@@ -1,0 +1,83 @@
+"""What happens to tracks once a sequence is over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hbbatch.config import OutputSettings
+from hbbatch.tracking.refine import fill_gaps, long_enough, refine, settle_sizes
+from hbbatch.tracking.tracks import SequenceTracks, TrackState
+from tests.tracking.drives import sequence
+
+
+def tracks(rows: list[tuple[int, int, float, list[float]]]) -> SequenceTracks:
+    """From (frame, track, score, box)."""
+    frame, track, score, boxes = zip(*rows, strict=True)
+    count = len(rows)
+    return SequenceTracks(
+        frame_index=np.array(frame),
+        track_id=np.array(track),
+        class_code=np.zeros(count, int),
+        state=np.zeros(count, np.int8),
+        score=np.array(score),
+        boxes=np.array(boxes, float),
+        velocity_m_s=np.zeros((count, 3)),
+        detection_row=np.arange(count),
+    )
+
+
+def box(x: float, yaw: float = 0.0, length: float = 4.0) -> list[float]:
+    return [x, 0, 0, length, 2, 1.5, yaw]
+
+
+def test_gaps_are_interpolated_in_time_and_the_short_way_round() -> None:
+    frames = sequence([[]] * 5)
+    uneven = np.array([0, 1, 2, 3, 8]) * 100_000_000
+    frames = type(frames)(**{**vars(frames), "timestamp_ns": uneven})
+    given = tracks([(0, 1, 1.0, box(0, 3.0)), (4, 1, 1.0, box(8, -3.0))])
+    filled = fill_gaps(given, frames)
+    assert filled.frame_index.tolist() == [0, 1, 2, 3, 4]
+    assert filled.boxes[:, 0] == pytest.approx([0, 1, 2, 3, 8])
+    turned = 3.0 + np.array([1, 2, 3]) / 8 * (2 * np.pi - 6.0)
+    assert np.cos(filled.boxes[1:4, 6] - turned) == pytest.approx(1.0)
+    assert filled.state.tolist() == [0, *[TrackState.INTERPOLATED] * 3, 0]
+    assert filled.detection_row.tolist() == [0, -1, -1, -1, 1]
+
+
+def test_filling_does_not_bridge_two_tracks() -> None:
+    given = tracks([(0, 1, 1.0, box(0)), (4, 2, 1.0, box(8))])
+    assert len(fill_gaps(given, sequence([[]] * 5)).track_id) == 2
+
+
+def test_sizes_become_the_median_of_the_track() -> None:
+    rows = [(f, 1, 1.0, box(0, length=length)) for f, length in enumerate([4.0, 4.2, 9.0])]
+    rows.append((0, 2, 1.0, box(5, length=7.0)))
+    settled = settle_sizes(tracks(rows))
+    assert settled.boxes[:, 3].tolist() == [4.2, 4.2, 4.2, 7.0]
+
+
+def test_short_and_low_scored_tracks_are_left_out() -> None:
+    given = tracks(
+        [(0, 1, 0.9, box(0)), (1, 1, 0.1, box(0)), (0, 2, 0.3, box(5)), (1, 3, 2.0, box(9))]
+    )
+    assert set(long_enough(given, 2).track_id) == {1}
+    frames = sequence([[]] * 2)
+    kept = refine(given, frames, OutputSettings(min_track_score=0.5))
+    assert set(kept.track_id) == {1, 3}
+
+
+def test_online_boxes_are_left_as_they_were_said() -> None:
+    given = tracks([(0, 1, 1.0, box(0)), (2, 1, 1.0, box(2, length=5.0))])
+    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"))
+    assert said.boxes == pytest.approx(given.boxes)
+
+
+@pytest.mark.parametrize("protocol", ["online", "gap_filled"])
+def test_nothing_stays_nothing(protocol: str) -> None:
+    empty = refine(
+        SequenceTracks.empty(),
+        sequence([[]]),
+        OutputSettings.model_validate({"protocol": protocol}),
+    )
+    assert len(empty.track_id) == 0
