@@ -31,9 +31,19 @@ def ingest(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Read detections and ego poses from logs into the dataset; the format is found."""
+    from rich.console import Console
+
     from hbbatch.runner.ingest import ingest as run_ingest
 
-    report = run_ingest(source, dataset, detections=detections, topics=topic or (), force=force)
+    with Console(stderr=True).status("ingesting") as status:
+        report = run_ingest(
+            source,
+            dataset,
+            detections=detections,
+            topics=topic or (),
+            force=force,
+            on_outcome=lambda outcome: status.update(f"ingested {outcome.sequence_id}"),
+        )
     if as_json:
         _print_json(report)
     else:

@@ -51,8 +51,8 @@ class MessageLog(Protocol):
         """Name of the format, for the catalogue."""
         ...
 
-    def channels(self) -> Sequence[Channel]:
-        """All channels, those without messages included.
+    def channels(self, findings: Findings) -> Sequence[Channel]:
+        """All channels, those without messages included; damage goes to the findings.
 
         Raises:
             OSError: the file cannot be read.

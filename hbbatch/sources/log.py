@@ -67,11 +67,15 @@ class LogSource:
         ]
 
     def _topics(self) -> Sequence[str]:
-        channels = self.log.channels()
+        findings = Findings()
+        channels = self.log.channels(findings)
         offered = sorted({c.topic for c in channels if c.message_type in DETECTION_MESSAGES})
         listed = ", ".join(offered)
         if not offered:
-            raise SourceError(f"{self.path}: no detections in it. It holds {_listing(channels)}.")
+            raise SourceError(
+                f"{self.path}: no detections in it. It holds {_listing(channels)}"
+                f"{_damage(findings)}."
+            )
         missing = sorted(set(self.options.topics) - set(offered))
         if missing:
             raise SourceError(
@@ -87,6 +91,11 @@ def _listing(channels: Sequence[Channel]) -> str:
     more = len(topics) - _LISTED_TOPICS
     listed = topics[:_LISTED_TOPICS] + ([f"and {more} more"] if more > 0 else [])
     return ", ".join(listed) or "no topics"
+
+
+def _damage(findings: Findings) -> str:
+    """What was lost of the file, to be put behind an error that may come from it."""
+    return f" ({'; '.join(findings.problems)})" if findings.partial else ""
 
 
 @dataclass(frozen=True)
@@ -111,14 +120,16 @@ class LogSequence:
         scan.poses.report(findings)
         if not scan.detected:
             raise SourceError(
-                f"{self.log.path}: no message on {self.topic} can be read "
-                f"({'; '.join(findings.problems) or 'it has none'}). Check the recording."
+                f"{self.log.path}: no message on {self.topic} can be read{_damage(findings)}. "
+                "Check the recording."
             )
         detected = sorted(scan.detected, key=lambda message: message.timestamp_ns)
         try:
             poses = _frame_poses(detected, scan.poses, findings)
         except SourceError as error:
-            raise SourceError(f"{self.log.path}: topic {self.topic}: {error}") from error
+            raise SourceError(
+                f"{self.log.path}: topic {self.topic}: {error}{_damage(findings)}"
+            ) from error
         return SequenceReading(_frames(detected, poses), None, None, findings)
 
 

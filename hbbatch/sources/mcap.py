@@ -59,7 +59,7 @@ class McapLog:
     path: Path
     format_name: str = "mcap"
 
-    def channels(self) -> Sequence[Channel]:
+    def channels(self, findings: Findings) -> Sequence[Channel]:
         """All channels: from the summary where it is whole, else by reading the file."""
         with self.path.open("rb") as file:
             summarised = _summary_channels(file)
@@ -67,7 +67,7 @@ class McapLog:
             return summarised
         with self.path.open("rb") as file:
             channels = _Channels()
-            for record in _records(file, Findings()):
+            for record in _records(file, findings):
                 channels.take(record)
             return list(channels.by_id.values())
 
