@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from hbbatch.sources.classes import TAXONOMY, is_known_class, normalise_class
@@ -36,3 +38,10 @@ def test_no_spelling_means_two_classes() -> None:
 def test_unknown_names_are_told_apart_from_the_class_unknown() -> None:
     assert is_known_class("unknown")
     assert not is_known_class("forklift")
+
+
+def test_documented_table_is_the_one_in_use() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    for name, spellings in TAXONOMY.items():
+        known_as = ", ".join(f"`{spelling}`" for spelling in spellings if spelling)
+        assert f"| `{name}` | {known_as} |" in page
