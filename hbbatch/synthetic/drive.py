@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hbbatch.boxes import BOX_SIZE, HEIGHT, LENGTH, YAW, FloatArray, Z
 from hbbatch.synthetic.city import City, make_city
 from hbbatch.synthetic.detector import Detections, Detector, clutter_sizes, false_classes
-from hbbatch.synthetic.population import populate
+from hbbatch.synthetic.populate import populate
 from hbbatch.synthetic.sensor import Pose, View, sensor_pose, view
 from hbbatch.synthetic.settings import DriveSettings
 from hbbatch.synthetic.traffic import TrafficHistory, simulate_traffic

@@ -8,7 +8,8 @@ import pytest
 from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, YAW, Z, wrap_angle
 from hbbatch.overlap import footprint_intersection
 from hbbatch.synthetic.city import City, make_city
-from hbbatch.synthetic.population import Population, populate
+from hbbatch.synthetic.populate import populate
+from hbbatch.synthetic.population import Population
 from hbbatch.synthetic.settings import CAR, PEDESTRIAN, TRUCK, TrafficSettings
 from hbbatch.synthetic.traffic import TrafficHistory, simulate_traffic, step_drivers
 
