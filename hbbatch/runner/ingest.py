@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from hbbatch import schema
 from hbbatch.dataset import Dataset
@@ -124,9 +125,12 @@ def ingest(
     found = list(_sequences(sources, SourceOptions(detections, tuple(topics)), report))
     if found:
         dataset = Dataset.create(dataset_root)
+        former = {row["sequence_id"]: row for row in dataset.catalog().to_pylist()}
         owners: dict[str, Path] = {}
         for source, handle in found:
-            outcome = _ingest_sequence(dataset, source, handle, owners, force)
+            outcome = _ingest_sequence(
+                dataset, source, handle, former.get(handle.sequence_id), owners, force
+            )
             report.outcomes.append(outcome)
             on_outcome(outcome)
     report.seconds = time.perf_counter() - started
@@ -157,15 +161,16 @@ def _ingest_sequence(
     dataset: Dataset,
     source: Source,
     handle: SequenceHandle,
+    former: dict[str, Any] | None,
     owners: dict[str, Path],
     force: bool,
 ) -> SequenceOutcome:
+    """Bring one sequence up to date; `former` is its row of the catalogue before."""
     started = time.perf_counter()
-    former, row, error = None, None, None
+    row, error = None, None
     try:
         with source_errors(source.path):
             check_name(handle.sequence_id, f"{source.path}: sequence")
-            former = _catalog_row(dataset, handle.sequence_id)
             source_hash = _source_hash(source, handle)
             _check_owner(source, handle, owners, former, source_hash, force)
             if former is not None and former["source_hash"] == source_hash and not force:
@@ -229,12 +234,8 @@ def _check_owner(
         )
 
 
-def _catalog_row(dataset: Dataset, sequence_id: str) -> dict[str, Any] | None:
-    rows: list[dict[str, Any]] = dataset.catalog().to_pylist()
-    return next((row for row in rows if row["sequence_id"] == sequence_id), None)
-
-
 def _put_catalog_row(dataset: Dataset, row: dict[str, Any]) -> None:
-    rows: list[dict[str, Any]] = dataset.catalog().to_pylist()
-    others = [other for other in rows if other["sequence_id"] != row["sequence_id"]]
-    dataset.write_catalog(pa.Table.from_pylist([*others, row], schema=schema.CATALOG))
+    """Add or replace a row; the catalogue is read again since others may have written to it."""
+    others = dataset.catalog().filter(pc.field("sequence_id") != row["sequence_id"])
+    added = pa.Table.from_pylist([row], schema=schema.CATALOG)
+    dataset.write_catalog(pa.concat_tables([others, added]))
