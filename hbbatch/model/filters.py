@@ -26,12 +26,12 @@ class Measurement(NamedTuple):
 
     Attributes:
         boxes: `(n, 7)` float64, world frame.
-        range_m: `(n,)` float32 horizontal distance from the sensor.
+        sight_m: `(n, 3)` float32 from the sensor to the box centre, world axes.
         score: `(n,)` float32 as logged.
     """
 
     boxes: Tensor
-    range_m: Tensor
+    sight_m: Tensor
     score: Tensor
 
 
@@ -86,6 +86,11 @@ def innovation(prior: Tensor, measured: Tensor) -> Innovation:
     along, across = turn(local[:, 0:1], local[:, 1:2], cos, -sin)
     motion = torch.cat([along, across, local[:, 2:3], yaw.float()], dim=1)
     return Innovation(motion, local[:, 3:6], turned_away, cos, sin)
+
+
+def plan_range(sight_m: Tensor) -> Tensor:
+    """Horizontal distance `(n, 1)` from the sensor, at least a metre."""
+    return sight_m[:, :2].square().sum(dim=1, keepdim=True).sqrt().clamp(min=1.0)
 
 
 def moved(boxes: Tensor, motion: Tensor, size: Tensor, cos: Tensor, sin: Tensor) -> Tensor:

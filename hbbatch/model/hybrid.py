@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from hbbatch.model.columns import Columns
-from hbbatch.model.filters import AXES, Innovation, Measurement, innovation, moved
-from hbbatch.model.geometry import turn
+from hbbatch.model.filters import AXES, Innovation, Measurement, innovation, moved, plan_range
+from hbbatch.model.geometry import turn, wrap_half_turn
 from hbbatch.model.kalman import RANGE_UNIT_M, KalmanFilter, MotionModel
 from hbbatch.model.network import GainNetwork, ResidualPredictor
 
@@ -71,8 +71,9 @@ class HybridFilter(nn.Module):
         )
         self.width = self.columns.width
         kinds = len(class_names)
-        self.residual = ResidualPredictor(memory + 7 * history + 7 + AXES + 3 + kinds, hidden, head)
-        self.gain = GainNetwork(7 + 7 + AXES + 3 + kinds, memory)
+        seen_before = memory + 7 * history + 7 + AXES + 2 + 1 + 3 + kinds
+        self.residual = ResidualPredictor(seen_before, hidden, head)
+        self.gain = GainNetwork(7 + 7 + AXES + 2 + 2 + 2 + 3 + kinds, memory)
         self.register_buffer("innovation_unit", torch.tensor(_INNOVATION_UNIT), persistent=False)
         self.register_buffer("rate_unit", torch.tensor(_RATE_UNIT), persistent=False)
         self.register_buffer("kind_rows", torch.eye(kinds), persistent=False)
@@ -88,7 +89,7 @@ class HybridFilter(nn.Module):
         base = rows[:, column["base"]]
         heading = boxes[:, 6:7].float()
         cos, sin = torch.cos(heading), torch.sin(heading)
-        rates = self.residual(self._predict_features(rows, base, dt_s, cos, sin))
+        rates = self.residual(self._predict_features(boxes, rows, base, dt_s, cos, sin))
         noise = (self.base.log_q[base[:, -1].long()] + rows[:, column["process"]]).exp()
         prior, base = self.base.predict_with(boxes, base, dt_s, noise)
         dt = dt_s[:, None]
@@ -103,7 +104,7 @@ class HybridFilter(nn.Module):
         return prior, torch.cat([base, memory, newest, past, middle, waited, age, dt], dim=1)
 
     def _predict_features(
-        self, rows: Tensor, base: Tensor, dt_s: Tensor, cos: Tensor, sin: Tensor
+        self, boxes: Tensor, rows: Tensor, base: Tensor, dt_s: Tensor, cos: Tensor, sin: Tensor
     ) -> Tensor:
         column = self.columns
         past = rows[:, column["history"]].reshape(len(rows), self.history, 7)
@@ -118,6 +119,7 @@ class HybridFilter(nn.Module):
             torch.cat([forward, sideways, velocity[:, 2:]], dim=1) / self.rate_unit[[0, 1, 2, 6]],
             _counters(rows[:, column["since_seen_s"]], rows[:, column["age_s"]]),
             dt_s[:, None] * 10.0,
+            _log_size(boxes),
             self.kind_rows[base[:, -1].long()],
         ]
         return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
@@ -127,15 +129,19 @@ class HybridFilter(nn.Module):
         column = self.columns
         base = rows[:, column["base"]]
         new = innovation(prior, seen.boxes)
-        memory, process, measured, size = self.gain(
-            self._update_features(rows, base, new, seen), rows[:, column["memory"]]
+        features = self._update_features(prior, rows, base, new, seen)
+        trust = self.gain(features, rows[:, column["memory"]])
+        unit = self.innovation_unit
+        unbiased = new._replace(
+            motion=new.motion - trust.motion_bias * unit[:AXES],
+            size=new.size - trust.size_bias * unit[AXES:],
         )
         variance, size_variance = self.base.measurement_variance(seen, base[:, -1].long())
         posterior, base = self.base.update_with(
-            prior, base, seen, variance * measured.exp(), size_variance * size.exp()
+            prior, base, unbiased, variance * trust.motion.exp(), size_variance * trust.size.exp()
         )
         correction = (posterior - prior).float()
-        turned = torch.remainder(correction[:, 6:7] + torch.pi / 2, torch.pi) - torch.pi / 2
+        turned = wrap_half_turn(correction[:, 6:7])
         correction = torch.cat([correction[:, :6], turned], dim=1)
         past = rows[:, column["history"]]
         dt = rows[:, column["dt_s"]]
@@ -144,21 +150,28 @@ class HybridFilter(nn.Module):
         local = torch.cat([along, across, correction[:, 2:]], dim=1)
         age = rows[:, column["age_s"]]
         return posterior, torch.cat(
-            [base, memory, newest, past[:, 7:], local, process, torch.zeros_like(age), age, dt],
+            [
+                *(base, trust.memory, newest, past[:, 7:], local, trust.process),
+                *(torch.zeros_like(age), age, dt),
+            ],
             dim=1,
         )
 
     def _update_features(
-        self, rows: Tensor, base: Tensor, new: Innovation, seen: Measurement
+        self, prior: Tensor, rows: Tensor, base: Tensor, new: Innovation, seen: Measurement
     ) -> Tensor:
         column = self.columns
+        distance = plan_range(seen.sight_m)
+        along, across = turn(seen.sight_m[:, 0:1], seen.sight_m[:, 1:2], new.cos, -new.sin)
         spread = base[:, self.base.columns["covariance"]][:, :AXES]
         features = [
             torch.cat([new.motion, new.size], dim=1) / self.innovation_unit,
             rows[:, column["correction"]] / self.innovation_unit,
             torch.log(spread) * 0.25,
             _counters(rows[:, column["since_seen_s"]], rows[:, column["age_s"]]),
-            (seen.range_m / RANGE_UNIT_M)[:, None],
+            torch.cat([along, across], dim=1) / distance,
+            torch.cat([distance / RANGE_UNIT_M, seen.sight_m[:, 2:]], dim=1),
+            _log_size(prior),
             self.kind_rows[base[:, -1].long()],
         ]
         return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
@@ -166,6 +179,10 @@ class HybridFilter(nn.Module):
     def velocity(self, rows: Tensor) -> Tensor:
         """`(n, 3)` velocity in the world frame, m/s."""
         return self.base.velocity(rows[:, self.columns["base"]])
+
+
+def _log_size(boxes: Tensor) -> Tensor:
+    return torch.log(boxes[:, 3:6]).float()
 
 
 def _counters(since_seen_s: Tensor, age_s: Tensor) -> Tensor:

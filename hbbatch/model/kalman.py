@@ -15,7 +15,15 @@ from torch import Tensor, nn
 
 from hbbatch.model import covariance as cov
 from hbbatch.model.columns import Columns
-from hbbatch.model.filters import AXES, Measurement, innovation, moved, settle_heading
+from hbbatch.model.filters import (
+    AXES,
+    Innovation,
+    Measurement,
+    innovation,
+    moved,
+    plan_range,
+    settle_heading,
+)
 from hbbatch.model.geometry import turn
 
 MotionModel = Literal["cv", "ca", "ct"]
@@ -67,7 +75,7 @@ class KalmanFilter(nn.Module):
 
     def measurement_variance(self, seen: Measurement, class_code: Tensor) -> tuple[Tensor, Tensor]:
         """Variance of measured motion `(n, 4)` and sizes `(n, 3)`, growing with range."""
-        far = (seen.range_m / RANGE_UNIT_M)[:, None]
+        far = plan_range(seen.sight_m) / RANGE_UNIT_M
         motion = (self.log_r[class_code] + self.log_r_range[class_code] * far).exp()
         return motion, self.log_r_size[class_code].exp()
 
@@ -108,19 +116,18 @@ class KalmanFilter(nn.Module):
     def update(self, prior: Tensor, rows: Tensor, seen: Measurement) -> tuple[Tensor, Tensor]:
         """Posterior boxes and rows after a matched detection."""
         variance = self.measurement_variance(seen, rows[:, -1].long())
-        return self.update_with(prior, rows, seen, *variance)
+        return self.update_with(prior, rows, innovation(prior, seen.boxes), *variance)
 
     def update_with(
         self,
         prior: Tensor,
         rows: Tensor,
-        seen: Measurement,
+        new: Innovation,
         variance: Tensor,
         size_variance: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Posterior boxes and rows with the measurement variances given."""
+        """Posterior boxes and rows with the innovation and the measurement variances given."""
         column = self.columns
-        new = innovation(prior, seen.boxes)
         covariance = cov.blocks(rows[:, column["covariance"]], self.order, AXES)
         gains, covariance = cov.correct(covariance, variance)
         before = rows[:, column["size_variance"]]

@@ -5,6 +5,8 @@ Sizes are small on purpose: a step of one track is some ten thousand multiply-ad
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor, nn
 
@@ -37,6 +39,25 @@ class ResidualPredictor(nn.Module):
         return torch.cat([layer(part) for layer, part in heads], dim=1)
 
 
+class Trust(NamedTuple):
+    """What the recurrent part makes of a detection.
+
+    Attributes:
+        memory: `(n, memory)` new recurrent state.
+        process, motion, size: log factors of the process noise `(n, 4)`, of the measurement noise
+            of the motion axes `(n, 4)` and of the sizes `(n, 3)`.
+        motion_bias, size_bias: what the detector is expected to be off, `(n, 4)` and `(n, 3)`, in
+            units of the filter's features.
+    """
+
+    memory: Tensor
+    process: Tensor
+    motion: Tensor
+    size: Tensor
+    motion_bias: Tensor
+    size_bias: Tensor
+
+
 class GainNetwork(nn.Module):
     """The recurrent part (paper, section III-D): noises that set the Kalman gain.
 
@@ -49,14 +70,13 @@ class GainNetwork(nn.Module):
         """A gated recurrent unit of `memory` units and a linear read-out."""
         super().__init__()
         self.recurrent = nn.GRUCell(features, memory)
-        self.read_out = nn.Linear(memory, 2 * AXES + 3)
+        self.read_out = nn.Linear(memory, 2 * (AXES + 3) + AXES)
         _start_at_zero(self.read_out)
 
-    def forward(self, features: Tensor, memory: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """New memory; log factors of process (n, 4), measurement (n, 4) and size (n, 3) noise."""
+    def forward(self, features: Tensor, memory: Tensor) -> Trust:
+        """What to make of a detection, from features `(n, features)` and memory `(n, memory)`."""
         memory = self.recurrent(features, memory)
-        process, measured, size = self.read_out(memory).split([AXES, AXES, 3], dim=1)
-        return memory, process, measured, size
+        return Trust(memory, *self.read_out(memory).split([AXES, AXES, 3, AXES, 3], dim=1))
 
 
 def _start_at_zero(layer: nn.Module) -> None:

@@ -122,6 +122,7 @@ def augment(windows: Windows, settings: TrainSettings, generator: torch.Generato
         seen=windows.seen & ~burst,
         truth=_mirrored(windows.truth, side),
         measured=_mirrored(windows.measured, side),
+        sight_m=_mirrored(windows.sight_m, side.float()),
     )
 
 

@@ -23,7 +23,7 @@ class Windows(NamedTuple):
         measured: `(b, t, 7)` float64.
         seen: `(b, t)` bool, a detection is there.
         valid: `(b, t)` bool, the object still exists.
-        range_m: `(b, t)` float32.
+        sight_m: `(b, t, 3)` float32, from the sensor to the detection, world axes.
         score: `(b, t)` float32.
         dt_s: `(b, t)` float32.
         kind_code: `(b,)` int64.
@@ -33,14 +33,14 @@ class Windows(NamedTuple):
     measured: Tensor
     seen: Tensor
     valid: Tensor
-    range_m: Tensor
+    sight_m: Tensor
     score: Tensor
     dt_s: Tensor
     kind_code: Tensor
 
     def measurement(self, frame: int) -> Measurement:
         """The detections of one frame."""
-        return Measurement(self.measured[:, frame], self.range_m[:, frame], self.score[:, frame])
+        return Measurement(self.measured[:, frame], self.sight_m[:, frame], self.score[:, frame])
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class WindowSet:
             column["measured"][rows],
             column["seen"][rows] & valid,
             valid,
-            column["range_m"][rows].float(),
+            column["sight_m"][rows].float(),
             column["score"][rows].float(),
             torch.where(valid, column["dt_s"][rows], _PADDED_DT_S).float(),
             self.kind_code[windows],

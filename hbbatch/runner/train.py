@@ -169,7 +169,7 @@ def _windows(
     whole = join(parts)
     columns = {
         name: torch.from_numpy(getattr(whole, name))
-        for name in ("truth", "measured", "seen", "range_m", "score", "dt_s")
+        for name in ("truth", "measured", "seen", "sight_m", "score", "dt_s")
     }
     if settings.measurements == "labels":
         columns["measured"], columns["seen"] = columns["truth"], torch.ones_like(columns["seen"])

@@ -26,7 +26,7 @@ class SequenceFrames:
         timestamp_ns: `(frames,)` time of each frame.
         offsets: `(frames + 1,)` first detection row of each frame.
         boxes: `(n, 7)` in the world frame.
-        range_m: `(n,)` horizontal distance from the sensor.
+        sight_m: `(n, 3)` from the sensor to the box centre, world axes.
         scores: `(n,)` as logged.
         class_codes: `(n,)` index into the class names the tracker was asked for.
         detection_ids: `(n,)` ids in the detections table.
@@ -37,7 +37,7 @@ class SequenceFrames:
     timestamp_ns: IntArray
     offsets: IntArray
     boxes: FloatArray
-    range_m: FloatArray
+    sight_m: FloatArray
     scores: FloatArray
     class_codes: IntArray
     detection_ids: IntArray
@@ -73,13 +73,14 @@ def sequence_frames(
     rotation = Rotation.from_quat(_columns(poses, [f"rotation_{a}" for a in "xyzw"])).as_matrix()
     translation = _columns(poses, [f"translation_{a}" for a in "xyz"])
     sensor_boxes = _columns(kept, BOX_FIELDS)
+    boxes = transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index])
     codes = pc.index_in(kept["class_name"], pa.array(list(classes)))
     return SequenceFrames(
         sequence_id=sequence_id,
         timestamp_ns=_column(poses, "timestamp_ns"),
         offsets=np.searchsorted(frame_index, np.arange(poses.num_rows + 1)),
-        boxes=transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index]),
-        range_m=np.hypot(sensor_boxes[:, 0], sensor_boxes[:, 1]),
+        boxes=boxes,
+        sight_m=boxes[:, :3] - translation[frame_index],
         scores=_column(kept, "score"),
         class_codes=codes.to_numpy().astype(np.int64),
         detection_ids=_column(kept, "detection_id"),

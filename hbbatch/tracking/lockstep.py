@@ -52,7 +52,7 @@ class LockStep:
         plan = self._plan
         self._measured = Measurement(
             torch.from_numpy(plan.boxes).to(device),
-            torch.from_numpy(plan.range_m).float().to(device),
+            torch.from_numpy(plan.sight_m).float().to(device),
             torch.from_numpy(plan.scores).float().to(device),
         )
         self._dt = _interval_table(plan)

@@ -30,7 +30,7 @@ class Schedule:
         offsets: `(steps + 1,)` first detection of each step.
         sequence: `(n,)` sequence number of each detection, detections sorted by step.
         row: `(n,)` row of each detection in its own `SequenceFrames`.
-        boxes, range_m, scores, class_codes: the detections' columns in that order.
+        boxes, sight_m, scores, class_codes: the detections' columns in that order.
         ending: for each step, the sequences whose last frame it is.
         empty: sequences without frames.
     """
@@ -41,7 +41,7 @@ class Schedule:
     sequence: IntArray
     row: IntArray
     boxes: FloatArray
-    range_m: FloatArray
+    sight_m: FloatArray
     scores: FloatArray
     class_codes: IntArray
     ending: list[list[int]]
@@ -80,7 +80,7 @@ def schedule(group: Sequence[SequenceFrames], lanes: int) -> Schedule:
         sequence=sequence[order],
         row=row[order],
         boxes=np.concatenate([frames.boxes for frames in group])[order],
-        range_m=np.concatenate([frames.range_m for frames in group])[order],
+        sight_m=np.concatenate([frames.sight_m for frames in group])[order],
         scores=np.concatenate([frames.scores for frames in group])[order],
         class_codes=np.concatenate([frames.class_codes for frames in group])[order],
         ending=ending,

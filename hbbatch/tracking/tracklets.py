@@ -29,7 +29,7 @@ class Trajectories:
         truth: `(n, 7)` labelled boxes, world frame.
         measured: `(n, 7)` detected boxes, world frame; the truth where nothing was detected.
         seen: `(n,)` whether something was detected.
-        range_m: `(n,)` horizontal distance from the sensor.
+        sight_m: `(n, 3)` from the sensor to the box centre, world axes.
         score: `(n,)` detection score as logged, 0 where nothing was detected.
         dt_s: `(n,)` seconds since the object's previous row.
     """
@@ -40,7 +40,7 @@ class Trajectories:
     truth: FloatArray
     measured: FloatArray
     seen: NDArray[np.bool_]
-    range_m: FloatArray
+    sight_m: FloatArray
     score: FloatArray
     dt_s: FloatArray
 
@@ -78,11 +78,11 @@ def trajectories(
     )
     measured, score = truth.copy(), np.zeros(len(frame))
     seen = np.zeros(len(frame), bool)
-    range_m = np.hypot(sensor[:, 0], sensor[:, 1])
+    sight_m = truth[:, :3] - frames.translation_m[frame]
     seen[pairs.track] = True
     measured[pairs.track] = frames.boxes[pairs.detection]
     score[pairs.track] = frames.scores[pairs.detection]
-    range_m[pairs.track] = frames.range_m[pairs.detection]
+    sight_m[pairs.track] = frames.sight_m[pairs.detection]
     timestamp = frames.timestamp_ns[frame]
     first = _run_starts(kept["object_id"].to_numpy(), frame)
     dt_s = np.diff(timestamp, prepend=timestamp[:1]) * 1e-9
@@ -94,7 +94,7 @@ def trajectories(
         truth,
         measured,
         seen,
-        range_m,
+        sight_m,
         score,
         dt_s,
     )

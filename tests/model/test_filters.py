@@ -14,6 +14,7 @@ from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.kinds import KINDS
 
 Filter = KalmanFilter | HybridFilter
+SENSOR = torch.tensor([-20.0, 5.0, 1.0], dtype=torch.float64)
 
 
 def randomised(motion: Filter, seed: int = 0) -> Filter:
@@ -34,21 +35,19 @@ FILTERS = pytest.mark.parametrize(
 )
 
 
-def seen(boxes: list[list[float]] | Tensor) -> Measurement:
-    boxes = torch.as_tensor(boxes, dtype=torch.float64)
-    return Measurement(boxes, torch.full((len(boxes),), 20.0), torch.ones(len(boxes)))
+def seen(boxes: Tensor, sensor: Tensor) -> Measurement:
+    return Measurement(boxes, (boxes[:, :3] - sensor).float(), torch.ones(len(boxes)))
 
 
-def drive(motion: Filter, boxes: Tensor, kind: int = 0) -> tuple[Tensor, Tensor]:
+def drive(motion: Filter, boxes: Tensor, sensor: Tensor = SENSOR) -> tuple[Tensor, Tensor]:
     """The posterior after each of `(frames, 7)` detections, and the last rows."""
     with torch.inference_mode():
-        code = torch.tensor([kind])
         posterior = boxes[:1]
-        rows = motion.birth(seen(posterior), code)
+        rows = motion.birth(seen(posterior, sensor), torch.tensor([0]))
         said = [posterior]
         for box in boxes[1:]:
             prior, rows = motion.predict(posterior, rows, torch.tensor([0.1]))
-            posterior, rows = motion.update(prior, rows, seen(box[None]))
+            posterior, rows = motion.update(prior, rows, seen(box[None], sensor))
             said.append(posterior)
     return torch.cat(said), rows
 
@@ -80,7 +79,8 @@ def test_where_in_the_world_a_drive_takes_place_does_not_matter(
     boxes = straight_drive()
     away = boxes.clone()
     away[:, :2] += shift_m
-    here, there = drive(motion, boxes)[0], drive(motion, away)[0]
+    here = drive(motion, boxes)[0]
+    there = drive(motion, away, SENSOR + torch.tensor([shift_m, shift_m, 0.0]))[0]
     there[:, :2] -= shift_m
     assert there == pytest.approx(here, abs=1e-4)
 
@@ -94,7 +94,8 @@ def test_which_way_the_world_is_turned_does_not_matter(motion: Filter, turn: flo
     turned[:, 0] = cos * boxes[:, 0] - sin * boxes[:, 1]
     turned[:, 1] = sin * boxes[:, 0] + cos * boxes[:, 1]
     turned[:, 6] += turn
-    here, there = drive(motion, boxes)[0], drive(motion, turned)[0]
+    sensor = torch.tensor([cos * -20 - sin * 5, sin * -20 + cos * 5, 1.0], dtype=torch.float64)
+    here, there = drive(motion, boxes)[0], drive(motion, turned, sensor)[0]
     x = cos * here[:, 0] - sin * here[:, 1]
     y = sin * here[:, 0] + cos * here[:, 1]
     assert torch.stack([x, y], 1) == pytest.approx(there[:, :2], abs=1e-4)
@@ -131,7 +132,7 @@ def test_a_track_does_not_feel_the_others_of_its_batch(motion: Filter) -> None:
     boxes = torch.cat([straight_drive(3), straight_drive(3, 3.0, 2.0)])
     code = torch.tensor([0, 0, 0, 1, 1, 1])
     with torch.inference_mode():
-        rows = motion.birth(seen(boxes), code)
+        rows = motion.birth(seen(boxes, SENSOR), code)
         together = motion.predict(boxes, rows, torch.full((6,), 0.1))
         alone = [
             motion.predict(boxes[i : i + 1], rows[i : i + 1], torch.tensor([0.1])) for i in range(6)

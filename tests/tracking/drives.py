@@ -23,7 +23,7 @@ def sequence(
         timestamp_ns=(np.arange(count) * dt_s * 1e9).astype(np.int64),
         offsets=np.cumsum([0, *counts]),
         boxes=boxes,
-        range_m=np.hypot(boxes[:, 0], boxes[:, 1]),
+        sight_m=boxes[:, :3].copy(),
         scores=np.concatenate([*(scores or []), []]) if scores else np.ones(len(boxes)),
         class_codes=np.concatenate([*(codes or []), []]).astype(np.int64)
         if codes
