@@ -1,0 +1,136 @@
+"""Rules that hold for the whole repository."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hbbatch import __version__
+from hbbatch.config import TrackSettings, validate
+from hbbatch.runner.jobfile import RelabelJob
+from hbbatch.runner.track import TrackRequest, track
+from tests.runner.small_dataset import ECHO, make_dataset
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+HEAVY = ("torch", "pyarrow", "scipy", "pydantic", "numpy", "trackeval")
+
+
+def python(code: str, cwd: Path = ROOT) -> str:
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True, cwd=cwd).stdout
+
+
+def test_imports_keep_to_the_direction_of_the_flow() -> None:
+    code = (
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def loaded_after(code: str) -> set[str]:
+    names = "print(*{name.partition('.')[0] for name in sys.modules})"
+    return set(HEAVY) & set(python(f"import sys\n{code}\n{names}").split())
+
+
+def test_the_command_line_imports_nothing_heavy() -> None:
+    """What makes `hbbatch --help` answer at once, without a clock that depends on the machine."""
+    assert loaded_after("from hbbatch.cli.main import app") == set()
+
+
+@pytest.mark.parametrize("command", [[], ["ingest"], ["track"], ["eval"], ["relabel"], ["demo"]])
+def test_help_imports_nothing_heavy(command: list[str]) -> None:
+    code = (
+        "import contextlib, io\n"
+        "from hbbatch.cli.main import app\n"
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        f"    app({[*command, '--help']})"
+    )
+    # Newer versions of typer import pydantic themselves.
+    assert loaded_after(code) <= {"pydantic"}
+
+
+def test_planning_a_run_needs_no_torch() -> None:
+    """So that a command that finds nothing to do answers soon."""
+    code = "import sys, hbbatch.runner.track, hbbatch.runner.jobfile; print('torch' in sys.modules)"
+    assert python(code).strip() == "False"
+
+
+def readme_commands() -> list[str]:
+    return re.findall(r"^    (.+)$", README, re.MULTILINE)
+
+
+def test_the_readme_starts_with_install_and_tests() -> None:
+    install, tests = readme_commands()[:2]
+    assert install.startswith("python3 -m venv")
+    assert install.endswith("hbbatch demo")
+    assert tests == ".venv/bin/python -m pytest"
+
+
+def test_the_readme_install_brings_what_the_tests_need() -> None:
+    assert "'.[dev]'" in readme_commands()[0]
+    pyproject = (ROOT / "pyproject.toml").read_text()
+    assert '"hbbatch[eval]"' in pyproject.partition("dev = [")[2]
+
+
+def test_the_image_is_installed_as_the_readme_says() -> None:
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    (installed,) = re.findall(r"pip install .*?('\S+')", dockerfile)
+    assert f"pip install {installed}" in readme_commands()
+    assert re.search(r"^USER (?!root)\w+$", dockerfile, re.MULTILINE)
+    assert 'ENTRYPOINT ["hbbatch"]' in dockerfile
+    for copied in re.findall(r"^COPY (.+) \S+$", dockerfile, re.MULTILINE):
+        assert all((ROOT / name).exists() for name in copied.split())
+
+
+def test_commands_of_the_readme_exist() -> None:
+    known = python(
+        "from hbbatch.cli.main import app; print(*(c.name or c.callback.__name__"
+        " for c in app.registered_commands))"
+    ).split()
+    used = set(re.findall(r"hbbatch ([a-z]+)", "\n".join(readme_commands())))
+    assert used <= set(known)
+
+
+def test_links_of_the_readme_lead_somewhere() -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_table_snippet_of_the_readme_runs(tmp_path: Path) -> None:
+    make_dataset(tmp_path / "hbbatch_data", "a")
+    request = TrackRequest(tmp_path / "hbbatch_data", TrackSettings(), run="RUN", workers=1)
+    track(request, engine=ECHO)
+    snippet = re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0]
+    assert "m/s" in python(snippet, tmp_path)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "pipelines").glob("*.yaml")), ids=lambda p: p.name)
+def test_job_files_hold_known_keys_only(path: Path) -> None:
+    validate(RelabelJob, yaml.safe_load(path.read_text()), str(path))
+
+
+def test_the_version_is_one() -> None:
+    assert f'version = "{__version__}"' in (ROOT / "pyproject.toml").read_text()
+
+
+def own_files() -> Iterator[Path]:
+    for folder in ("hbbatch", "tests", "docs", "pipelines", ".ci"):
+        yield from (p for p in (ROOT / folder).rglob("*") if p.is_file())
+    yield from (p for p in ROOT.iterdir() if p.suffix in {".md", ".toml"} or p.name == "Dockerfile")
+
+
+def test_no_file_names_a_folder_of_somebodys_machine() -> None:
+    homes = "|".join(("home", "root", "Users", "work", "tmp"))
+    personal = re.compile(rf"(?<![\w.}}*~-])/(?:{homes})/\w")
+    texts = (p for p in own_files() if p.suffix not in {".pyc", ".safetensors"})
+    assert [str(p) for p in texts if personal.search(p.read_text(errors="ignore"))] == []
