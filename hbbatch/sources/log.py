@@ -73,8 +73,8 @@ class LogSource:
         listed = ", ".join(offered)
         if not offered:
             raise SourceError(
-                f"{self.path}: no detections in it. It holds {_listing(channels)}"
-                f"{_damage(findings)}."
+                f"{self.path}: no detections in it. It holds {_listing(channels)}."
+                f"{_damage(findings)}"
             )
         missing = sorted(set(self.options.topics) - set(offered))
         if missing:
@@ -94,8 +94,8 @@ def _listing(channels: Sequence[Channel]) -> str:
 
 
 def _damage(findings: Findings) -> str:
-    """What was lost of the file, to be put behind an error that may come from it."""
-    return f" ({'; '.join(findings.problems)})" if findings.partial else ""
+    """What was lost of the file, a sentence to put behind an error that may come from it."""
+    return f" Damage: {'; '.join(findings.problems)}." if findings.partial else ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class LogSequence:
         scan.poses.report(findings)
         if not scan.detected:
             raise SourceError(
-                f"{self.log.path}: no message on {self.topic} can be read{_damage(findings)}. "
+                f"{self.log.path}: no message on {self.topic} can be read.{_damage(findings)} "
                 "Check the recording."
             )
         detected = sorted(scan.detected, key=lambda message: message.timestamp_ns)

@@ -28,6 +28,7 @@ from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _LARGEST_RECORD: Final = 2**30
+_LATEST_NS: Final = 2**63 - 1
 _DAMAGE: Final = (
     McapError,
     zstandard.ZstdError,
@@ -83,7 +84,9 @@ class McapLog:
                     counts[record.channel_id] += 1
                     channel = channels.by_id.get(record.channel_id)
                     if channel is not None and wanted(channel):
-                        yield RawMessage(channel, record.log_time, record.data)
+                        # MCAP's times are unsigned; a damaged one must still fit the tables.
+                        log_time_ns = min(record.log_time, _LATEST_NS)
+                        yield RawMessage(channel, log_time_ns, record.data)
                 elif isinstance(record, Statistics):
                     _compare(record, counts, findings)
                 else:

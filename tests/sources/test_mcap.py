@@ -223,6 +223,12 @@ def test_zero_stamps_fall_back_to_the_log_time(tmp_path: Path) -> None:
     assert reading.findings.problems == ["topic /d: 1 messages without stamp, log time taken"]
 
 
+def test_log_time_of_a_broken_clock_fits_the_tables(tmp_path: Path) -> None:
+    log = LogWriter().add("/d", 2**64 - 1, logs.detections(SECOND, "map", [car()]))
+    [frame], _ = read_all(log.write(tmp_path / "a.mcap"))
+    assert frame.log_time_ns == 2**63 - 1
+
+
 # --- damage -------------------------------------------------------------------------------------
 
 
@@ -257,6 +263,13 @@ def test_truncated_file_gives_what_is_whole(tmp_path: Path) -> None:
     assert 0 < len(frames) < 40
     assert reading.findings.partial
     assert any("ends early" in problem for problem in reading.findings.problems)
+
+
+def test_error_of_a_truncated_file_names_the_damage(tmp_path: Path) -> None:
+    path = drive(40).write(tmp_path / "a.mcap", chunk_size=500)
+    path.write_bytes(path.read_bytes()[:12_000])
+    with pytest.raises(SourceError, match=r"'lidar' .*Damage: the file ends early, at byte 12000"):
+        read(path)
 
 
 def test_flipped_bit_is_noticed(tmp_path: Path) -> None:
