@@ -20,6 +20,9 @@ AXES = 4
 
 MAX_HEADING_VOTE = 5.0
 
+SMALLEST_SIZE_M = 0.05
+"""Floor of a box's length, width and height."""
+
 
 class Measurement(NamedTuple):
     """Detections matched to tracks.
@@ -104,7 +107,9 @@ def moved(boxes: Tensor, motion: Tensor, size: Tensor, cos: Tensor, sin: Tensor)
         sin: `(n, 1)` its sine.
     """
     x, y = turn(motion[:, 0:1], motion[:, 1:2], cos, sin)
-    return boxes + torch.cat([x, y, motion[:, 2:3], size, motion[:, 3:4]], dim=1)
+    sizes = (boxes[:, 3:6] + size).clamp(min=SMALLEST_SIZE_M)
+    centre = boxes[:, :3] + torch.cat([x, y, motion[:, 2:3]], dim=1)
+    return torch.cat([centre, sizes, boxes[:, 6:7] + motion[:, 3:4]], dim=1)
 
 
 def settle_heading(boxes: Tensor, vote: Tensor, flipped: Tensor) -> tuple[Tensor, Tensor]:

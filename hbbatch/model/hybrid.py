@@ -12,7 +12,15 @@ import torch
 from torch import Tensor, nn
 
 from hbbatch.model.columns import Columns
-from hbbatch.model.filters import AXES, Innovation, Measurement, innovation, moved, plan_range
+from hbbatch.model.filters import (
+    AXES,
+    SMALLEST_SIZE_M,
+    Innovation,
+    Measurement,
+    innovation,
+    moved,
+    plan_range,
+)
 from hbbatch.model.geometry import turn, wrap_half_turn
 from hbbatch.model.kalman import RANGE_UNIT_M, KalmanFilter, MotionModel
 from hbbatch.model.network import GainNetwork, ResidualPredictor
@@ -182,7 +190,7 @@ class HybridFilter(nn.Module):
 
 
 def _log_size(boxes: Tensor) -> Tensor:
-    return torch.log(boxes[:, 3:6]).float()
+    return torch.log(boxes[:, 3:6].clamp(min=SMALLEST_SIZE_M)).float()
 
 
 def _counters(since_seen_s: Tensor, age_s: Tensor) -> Tensor:

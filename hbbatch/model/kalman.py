@@ -29,8 +29,6 @@ from hbbatch.model.geometry import turn
 MotionModel = Literal["cv", "ca", "ct"]
 RANGE_UNIT_M = 50.0
 
-_MIN_SIZE_M = 0.05
-
 
 class KalmanFilter(nn.Module):
     """Rows: velocity (and acceleration) in the world frame, covariances, heading vote, class."""
@@ -133,7 +131,6 @@ class KalmanFilter(nn.Module):
         before = rows[:, column["size_variance"]]
         size_gain = before / (before + size_variance)
         boxes = moved(prior, gains[0] * new.motion, size_gain * new.size, new.cos, new.sin)
-        boxes = torch.cat([boxes[:, :3], boxes[:, 3:6].clamp(min=_MIN_SIZE_M), boxes[:, 6:]], dim=1)
         vote = rows[:, column["heading_vote"]]
         boxes, vote = settle_heading(boxes, vote, new.flipped)
         derivatives = torch.cat(

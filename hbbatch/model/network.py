@@ -16,6 +16,10 @@ HEADS = {"centre": 3, "size": 3, "yaw": 1}
 """The three parallel heads of the residual predictor and how many coordinates each gives."""
 
 
+LARGEST_SAID = 4.0
+"""Bound on what the gain network says, so that no noise factor leaves e⁻⁴ to e⁴."""
+
+
 class ResidualPredictor(nn.Module):
     """An encoder and three heads (paper, section III-B): the step the motion model misses.
 
@@ -76,7 +80,8 @@ class GainNetwork(nn.Module):
     def forward(self, features: Tensor, memory: Tensor) -> Trust:
         """What to make of a detection, from features `(n, features)` and memory `(n, memory)`."""
         memory = self.recurrent(features, memory)
-        return Trust(memory, *self.read_out(memory).split([AXES, AXES, 3, AXES, 3], dim=1))
+        said = LARGEST_SAID * torch.tanh(self.read_out(memory) / LARGEST_SAID)
+        return Trust(memory, *torch.split(said, [AXES, AXES, 3, AXES, 3], dim=1))
 
 
 def _start_at_zero(layer: nn.Module) -> None:
