@@ -126,8 +126,6 @@ def _effort(report: TrackReport) -> list[tuple[str, str]]:
 
 def _places(report: TrackReport) -> list[tuple[str, str]]:
     return [
-        ("tracks", f"{report.path}/tracks/sequence_id=*/part-0.parquet"),
-        ("KITTI files", f"{report.path}/kitti/*.txt"),
-        ("timing", f"{report.path}/timing.parquet"),
-        ("settings", f"{report.path}/run.json"),
+        ("written to", str(report.path)),
+        ("", "tracks/ (Parquet), kitti/ (result files), timing.parquet, run.json, status/"),
     ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import heapq
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +24,14 @@ from hbbatch.dataset import Run
 from hbbatch.errors import UsageError
 
 MAX_GROUP_DETECTIONS: Final = 2_000_000
-"""Detections held in memory by one worker at a time: about 300 MB of arrays."""
+"""Detections held in memory by one worker at a time: about 600 MB of arrays."""
+
+_LANES: Final = 64
+"""About as many sequences as a group steps at a time; only an estimate hangs on it."""
+
+_STEP_EFFORT: Final = 80
+"""What a lock step costs beside its detections, in detections: 1.8 ms against 23 µs, measured with
+the classical filter on a CPU."""
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
@@ -125,7 +131,7 @@ def make_plan(
             up_to_date.append(sequence_id)
             continue
         to_do.append(SequenceJob(sequence_id, key, row["frames"], row["detections"]))
-        if status.get("state") == "done":
+        if status.get("state") == "done" and status.get("key") != key:
             outdated.append(sequence_id)
     return Plan(tuple(to_do), tuple(up_to_date), tuple(outdated))
 
@@ -146,28 +152,55 @@ def is_done(run: Run, sequence_id: str, status: dict[str, Any]) -> bool:
 
 
 def deal(jobs: Sequence[SequenceJob], workers: int) -> list[Group]:
-    """Groups for workers that finish together: the largest sequence first, to the least loaded.
+    """Groups for workers that finish together, at most one a worker unless memory asks for more.
 
-    One group a worker, so that as many sequences as possible step together; more groups only where
-    one would hold more than `MAX_GROUP_DETECTIONS`.
+    A step costs the same whether one sequence of the group has a frame in it or all of them, so
+    sequences of like length belong together: sorted by length they are cut where the effort of the
+    largest group is least.
     """
-    loads = [(0, index) for index in range(min(workers, len(jobs)))]
-    hands: list[list[SequenceJob]] = [[] for _ in loads]
-    for job in sorted(jobs, key=lambda job: (-job.frames, job.sequence_id)):
-        load, index = heapq.heappop(loads)
-        hands[index].append(job)
-        heapq.heappush(loads, (load + job.frames, index))
-    return [group for hand in hands for group in _bounded(hand)]
+    ordered = sorted(jobs, key=lambda job: (-job.frames, -job.detections, job.sequence_id))
+    if not ordered:
+        return []
+    enough, too_little = _effort(ordered), 0
+    while enough - too_little > 1:
+        limit = (enough + too_little) // 2
+        if len(_cut(ordered, limit)) <= workers:
+            enough = limit
+        else:
+            too_little = limit
+    return [part for group in _cut(ordered, enough) for part in _bounded(group)]
 
 
-def _bounded(hand: Sequence[SequenceJob]) -> Iterator[Group]:
-    group: list[SequenceJob] = []
+def _effort(group: Sequence[SequenceJob]) -> int:
+    """What a group costs, in units of one detection."""
+    frames = [job.frames for job in group]
+    steps = max(max(frames), sum(frames) // _LANES)
+    return _STEP_EFFORT * steps + sum(job.detections for job in group)
+
+
+def _cut(ordered: Sequence[SequenceJob], limit: int) -> list[Group]:
+    """Neighbours together as long as their effort stays within a limit (or is one sequence's)."""
+    groups: list[list[SequenceJob]] = []
+    longest = frames = detections = 0
+    for job in ordered:
+        steps = max(longest, (frames + job.frames) // _LANES)
+        if groups and _STEP_EFFORT * steps + detections + job.detections <= limit:
+            groups[-1].append(job)
+            frames, detections = frames + job.frames, detections + job.detections
+        else:
+            groups.append([job])
+            longest = frames = job.frames
+            detections = job.detections
+    return [tuple(group) for group in groups]
+
+
+def _bounded(group: Group) -> Iterator[Group]:
+    part: list[SequenceJob] = []
     held = 0
-    for job in hand:
-        if group and held + job.detections > MAX_GROUP_DETECTIONS:
-            yield tuple(group)
-            group, held = [], 0
-        group.append(job)
+    for job in group:
+        if part and held + job.detections > MAX_GROUP_DETECTIONS:
+            yield tuple(part)
+            part, held = [], 0
+        part.append(job)
         held += job.detections
-    if group:
-        yield tuple(group)
+    yield tuple(part)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +14,7 @@ from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
 from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_table
-from hbbatch.errors import ExitStatus
+from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import open_weights
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
@@ -232,7 +232,10 @@ def _execute(order: Order, plan: Plan, workers: int, progress: Progress) -> list
 
 
 def _record_failure(run: Run, key: str, outcome: Outcome) -> None:
-    write_status(run, outcome.sequence_id, {"state": "failed", "key": key, "error": outcome.error})
+    status = {"state": "failed", "key": key, "error": outcome.error}
+    # On a full disk this fails as well: the failure is in the report, and the others go on.
+    with suppress(DatasetError):
+        write_status(run, outcome.sequence_id, status)
 
 
 def _write_timing(order: Order) -> None:

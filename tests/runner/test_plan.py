@@ -117,13 +117,20 @@ def jobs(*frames: int, detections: int = 1) -> list[SequenceJob]:
     return [SequenceJob(f"{i:04}", "key", n, detections) for i, n in enumerate(frames)]
 
 
-def test_each_worker_gets_one_group_and_they_are_even() -> None:
-    groups = deal(jobs(100, 400, 200, 300), workers=2)
-    assert sorted(sum(job.frames for job in group) for group in groups) == [500, 500]
+def test_each_worker_gets_one_group_of_like_lengths() -> None:
+    groups = deal(jobs(100, 1000, 90, 80, 70, 60), workers=2)
+    assert [[job.frames for job in group] for group in groups] == [[1000], [100, 90, 80, 70, 60]]
+
+
+def test_many_sequences_are_dealt_evenly() -> None:
+    groups = deal(jobs(*[100] * 300, *[200] * 300), workers=4)
+    loads = [sum(job.frames for job in group) for group in groups]
+    assert len(groups) == 4
+    assert max(loads) < 1.1 * min(loads)
 
 
 def test_there_are_no_more_groups_than_sequences() -> None:
-    assert len(deal(jobs(5, 6), workers=8)) == 2
+    assert len(deal(jobs(5, 6), workers=8)) <= 2
     assert deal([], workers=8) == []
 
 
@@ -135,12 +142,11 @@ def test_a_group_too_large_for_memory_is_cut(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @given(st.lists(st.integers(0, 5000), max_size=40), st.integers(1, 9))
-def test_every_sequence_is_dealt_once_and_loads_differ_by_one_sequence_at_most(
+def test_every_sequence_is_dealt_once_to_no_more_groups_than_workers(
     frames: list[int], workers: int
 ) -> None:
     groups = deal(jobs(*frames), workers)
     dealt = sorted(job.sequence_id for group in groups for job in group)
     assert dealt == [f"{i:04}" for i in range(len(frames))]
-    loads = [sum(job.frames for job in group) for group in groups]
-    if loads:
-        assert max(loads) - min(loads) <= max(frames)
+    assert len(groups) <= workers
+    assert all(groups)

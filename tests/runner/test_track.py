@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from safetensors.numpy import save_file
 
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
@@ -194,6 +197,14 @@ def test_damaged_weights_are_named(tmp_path: Path) -> None:
     weights = tmp_path / "w.safetensors"
     weights.write_bytes(b"not safetensors")
     with pytest.raises(WeightsError, match=r"w\.safetensors: no readable safetensors file"):
+        HYBRIDTRACK.weights_hash(TrackSettings(weights=str(weights)))
+
+
+def test_weights_of_another_version_are_named(tmp_path: Path) -> None:
+    weights = tmp_path / "w.safetensors"
+    header = json.dumps({"version": 99, "of_the_future": True})
+    save_file({"x": np.zeros(1)}, weights, {"hbbatch": header})
+    with pytest.raises(WeightsError, match=r"w\.safetensors: weights of version 99"):
         HYBRIDTRACK.weights_hash(TrackSettings(weights=str(weights)))
 
 
