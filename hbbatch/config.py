@@ -77,9 +77,11 @@ class OutputSettings(Settings):
 
     protocol: Literal["online", "gap_filled"] = "gap_filled"
     min_track_score: float | None = Field(
-        None, description="tracks whose mean detection score is lower are not written (gap_filled)"
+        None, description="boxes of tracks whose mean detection score is lower are not written"
     )
-    min_detections: int = Field(1, ge=1, description="tracks with fewer detections are not written")
+    min_detections: int = Field(
+        1, ge=1, description="boxes of tracks with fewer detections are not written"
+    )
     max_coasted: int = Field(
         0, ge=0, description="online: boxes said after so many misses in a row at most"
     )

@@ -166,7 +166,7 @@ def _write(order: Order, loaded: LoadedTracker, finished: _Finished) -> TimingRo
     run, sequence_id = order.run, finished.job.sequence_id
     remove_status(run, sequence_id)
     tracked = finished.tracked
-    table = tracks_table(tracked.tracks, tracked.frames, loaded.tracker.class_names)
+    table = tracks_table(tracked, loaded.tracker.class_names)
     result = kitti_result(table, _camera(order.dataset, sequence_id))
     write_table(run.tracks(sequence_id), table, schema.TRACKS)
     with write_aside(run.kitti(sequence_id)) as aside:

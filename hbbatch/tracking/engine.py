@@ -38,4 +38,5 @@ class Tracker:
         lock_step = LockStep(group, self._motion, self._kinds, self.settings, self._device)
         for number, tracks, seconds in lock_step.run():
             frames = group[number]
-            yield TrackedSequence(frames, refine(tracks, frames, self.settings.output), seconds)
+            said, score = refine(tracks, frames, self.settings.output)
+            yield TrackedSequence(frames, said, score, seconds)

@@ -2,31 +2,81 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
 from hbbatch.config import OutputSettings
 from hbbatch.tracking.frames import IntArray, SequenceFrames
-from hbbatch.tracking.tracks import SequenceTracks, TrackState, track_scores
+from hbbatch.tracking.tracks import SequenceTracks, TrackState
+
+NO_SCORE = -np.inf
+
+
+class TrackEvidence(NamedTuple):
+    """What speaks for each row's track, each `(n,)`.
+
+    Attributes:
+        score: mean score of its detections.
+        detections: their number.
+    """
+
+    score: FloatArray
+    detections: FloatArray
 
 
 def refine(
     tracks: SequenceTracks, frames: SequenceFrames, output: OutputSettings
-) -> SequenceTracks:
-    """The boxes to write, by the chosen protocol."""
-    kept = long_enough(tracks, output.min_detections)
+) -> tuple[SequenceTracks, FloatArray]:
+    """The boxes to write, by the chosen protocol, and each one's track score `(n,)`.
+
+    Online, a box is judged by what was known of its track in its own frame.
+    """
     if output.protocol == "online":
-        return kept
-    if output.min_track_score is not None:
-        kept = kept.take(track_scores(kept) >= output.min_track_score)
-    return fill_gaps(settle_sizes(kept), frames)
+        evidence = evidence_so_far(tracks)
+        kept = np.flatnonzero(_convincing(evidence, output))
+        return tracks.take(kept), evidence.score[kept]
+    chosen = tracks.take(_convincing(evidence_of_track(tracks), output))
+    filled = fill_gaps(settle_sizes(chosen), frames)
+    return filled, evidence_of_track(filled).score
 
 
-def long_enough(tracks: SequenceTracks, min_detections: int) -> SequenceTracks:
-    """Tracks with at least so many detections."""
+def _convincing(evidence: TrackEvidence, output: OutputSettings) -> NDArray[np.bool_]:
+    least = NO_SCORE if output.min_track_score is None else output.min_track_score
+    return (evidence.score >= least) & (evidence.detections >= output.min_detections)
+
+
+def evidence_of_track(tracks: SequenceTracks) -> TrackEvidence:
+    """Evidence from the whole track."""
     _, index = np.unique(tracks.track_id, return_inverse=True)
-    count = np.bincount(index[tracks.detection_row >= 0], minlength=index.max(initial=-1) + 1)
-    return tracks.take(count[index] >= min_detections)
+    seen = tracks.detection_row >= 0
+    size = index.max(initial=-1) + 1
+    total = np.bincount(index[seen], tracks.score[seen], minlength=size)
+    count = np.bincount(index[seen], minlength=size).astype(float)
+    return TrackEvidence((total / np.maximum(count, 1))[index], count[index])
+
+
+def evidence_so_far(tracks: SequenceTracks) -> TrackEvidence:
+    """Evidence from the track's frames up to each row's own."""
+    order = np.lexsort((tracks.frame_index, tracks.track_id))
+    seen = (tracks.detection_row >= 0)[order]
+    total = _running_sum(np.where(seen, tracks.score[order], 0.0), tracks.track_id[order])
+    count = _running_sum(seen.astype(float), tracks.track_id[order])
+    back = np.argsort(order)
+    return TrackEvidence((total / np.maximum(count, 1))[back], count[back])
+
+
+def _running_sum(values: FloatArray, group: IntArray) -> FloatArray:
+    """Sums so far within runs of equal group."""
+    if not len(values):
+        return values
+    total = np.cumsum(values)
+    first = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
+    before = np.repeat(total[first] - values[first], np.diff(first, append=len(values)))
+    running: FloatArray = total - before
+    return running
 
 
 def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:

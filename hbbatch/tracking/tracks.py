@@ -88,27 +88,24 @@ class StageSeconds:
 
 @dataclass(frozen=True)
 class TrackedSequence:
-    """A finished sequence with the share of the group's time that was its own."""
+    """A finished sequence with the share of the group's time that was its own.
+
+    Attributes:
+        frames: what was given.
+        tracks: the boxes to write.
+        track_score: `(n,)` mean detection score of each box's track (online: so far).
+        seconds: time spent on it in each stage.
+    """
 
     frames: SequenceFrames
     tracks: SequenceTracks
+    track_score: FloatArray
     seconds: StageSeconds = field(default_factory=StageSeconds)
 
 
-def track_scores(tracks: SequenceTracks) -> FloatArray:
-    """Mean score of the detections of each row's track, `(n,)`."""
-    _, index = np.unique(tracks.track_id, return_inverse=True)
-    seen = ~np.isnan(tracks.score)
-    total = np.bincount(index[seen], tracks.score[seen], minlength=index.max(initial=-1) + 1)
-    count = np.bincount(index[seen], minlength=len(total))
-    mean: FloatArray = (total / np.maximum(count, 1))[index]
-    return mean
-
-
-def tracks_table(
-    tracks: SequenceTracks, frames: SequenceFrames, class_names: Sequence[str]
-) -> pa.Table:
+def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
     """The tracks as a table of `schema.TRACKS`, with boxes in both frames."""
+    tracks, frames = done.tracks, done.frames
     frame = tracks.frame_index
     sensor_from_world = frames.rotation[frame].transpose(0, 2, 1)
     offset = -np.einsum("nij,nj->ni", sensor_from_world, frames.translation_m[frame])
@@ -123,7 +120,7 @@ def tracks_table(
         "class_name": pa.array(np.array(class_names, dtype=object)[tracks.class_code], pa.string()),
         "state": pa.array(np.array(STATE_NAMES, dtype=object)[tracks.state], pa.string()),
         "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
-        "track_score": pa.array(track_scores(tracks)),
+        "track_score": pa.array(done.track_score),
         **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"velocity_{a}": pa.array(tracks.velocity_m_s[:, i]) for i, a in enumerate("xyz")},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbbatch.config import OutputSettings
-from hbbatch.tracking.refine import fill_gaps, long_enough, refine, settle_sizes
+from hbbatch.tracking.refine import evidence_so_far, fill_gaps, refine, settle_sizes
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 from tests.tracking.drives import sequence
 
@@ -61,21 +61,32 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
     given = tracks(
         [(0, 1, 0.9, box(0)), (1, 1, 0.1, box(0)), (0, 2, 0.3, box(5)), (1, 3, 2.0, box(9))]
     )
-    assert set(long_enough(given, 2).track_id) == {1}
     frames = sequence([[]] * 2)
-    kept = refine(given, frames, OutputSettings(min_track_score=0.5))
+    kept, _ = refine(given, frames, OutputSettings(min_detections=2))
+    assert set(kept.track_id) == {1}
+    kept, score = refine(given, frames, OutputSettings(min_track_score=0.5))
     assert set(kept.track_id) == {1, 3}
+    assert score.tolist() == [0.5, 0.5, 2.0]
+
+
+def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
+    rows = [(0, 1, 0.0, box(0)), (0, 2, 4.0, box(5)), (1, 1, 1.0, box(0)), (2, 1, 5.0, box(0))]
+    assert evidence_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
+    assert evidence_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
+    chosen = OutputSettings(protocol="online", min_track_score=1.0)
+    said, _ = refine(tracks(rows), sequence([[]] * 3), chosen)
+    assert list(zip(said.track_id, said.frame_index, strict=True)) == [(2, 0), (1, 2)]
 
 
 def test_online_boxes_are_left_as_they_were_said() -> None:
     given = tracks([(0, 1, 1.0, box(0)), (2, 1, 1.0, box(2, length=5.0))])
-    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"))
+    said, _ = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"))
     assert said.boxes == pytest.approx(given.boxes)
 
 
 @pytest.mark.parametrize("protocol", ["online", "gap_filled"])
 def test_nothing_stays_nothing(protocol: str) -> None:
-    empty = refine(
+    empty, _ = refine(
         SequenceTracks.empty(),
         sequence([[]]),
         OutputSettings.model_validate({"protocol": protocol}),
