@@ -16,6 +16,7 @@ from hbbatch.cli.demo import demo
 from hbbatch.cli.eval import evaluate
 from hbbatch.cli.ingest import ingest
 from hbbatch.cli.relabel import relabel
+from hbbatch.cli.study import study
 from hbbatch.cli.track import track
 from hbbatch.cli.train import train
 from hbbatch.errors import ExitStatus, HbbatchError
@@ -35,6 +36,7 @@ app.command("eval")(evaluate)
 app.command()(relabel)
 app.command()(demo)
 app.command()(train)
+app.command()(study)
 
 
 def _print_version(wanted: bool) -> None:

@@ -139,14 +139,9 @@ class HybridFilter(nn.Module):
         new = innovation(prior, seen.boxes)
         features = self._update_features(prior, rows, base, new, seen)
         trust = self.gain(features, rows[:, column["memory"]])
-        unit = self.innovation_unit
-        unbiased = new._replace(
-            motion=new.motion - trust.motion_bias * unit[:AXES],
-            size=new.size - trust.size_bias * unit[AXES:],
-        )
         variance, size_variance = self.base.measurement_variance(seen, base[:, -1].long())
         posterior, base = self.base.update_with(
-            prior, base, unbiased, variance * trust.motion.exp(), size_variance * trust.size.exp()
+            prior, base, new, variance * trust.motion.exp(), size_variance * trust.size.exp()
         )
         correction = (posterior - prior).float()
         turned = wrap_half_turn(correction[:, 6:7])

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from hbbatch.model.filters import innovation
 
-COORDINATE_WEIGHTS: Final = (1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5)
-"""Along, across, up (m), yaw (rad), length, width, height (m)."""
+COORDINATE_WEIGHTS: Final = (0.5, 1.0, 1.5, 1.0, 0.5, 1.0, 1.5)
+"""Along, across, up (m), yaw (rad), length, width, height (m): what an image shows counts more."""
 
 _SAME_PLACE_M: Final = 1e-3
 

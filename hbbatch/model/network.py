@@ -20,11 +20,18 @@ LARGEST_SAID = 4.0
 """Bound on what the gain network says, so that no noise factor leaves e⁻⁴ to e⁴."""
 
 
+_RESIDUAL_UNIT = (1.0, 0.5, 0.2, 0.05, 0.05, 0.05, 0.2)
+"""What the heads say is scaled by this (m/s along, across, up; m/s of the sizes; rad/s): sizes and
+height hardly change, and a detector's mean error must not be learned as motion."""
+
+
 class ResidualPredictor(nn.Module):
     """An encoder and three heads (paper, section III-B): the step the motion model misses.
 
     The last layers start at zero, so an untrained network leaves the motion model as it is.
     """
+
+    unit: Tensor
 
     def __init__(self, features: int, hidden: int, head: int) -> None:
         """Encoder to `hidden`, each head through `head` units."""
@@ -34,13 +41,14 @@ class ResidualPredictor(nn.Module):
         self.heads_out = nn.ModuleDict({name: nn.Linear(head, n) for name, n in HEADS.items()})
         for layer in self.heads_out.values():
             _start_at_zero(layer)
+        self.register_buffer("unit", torch.tensor(_RESIDUAL_UNIT), persistent=False)
 
     def forward(self, features: Tensor) -> Tensor:
         """Rates `(n, 7)`: m/s along, across and up, m/s of the sizes, rad/s of yaw."""
         encoded = torch.relu(self.heads_in(torch.relu(self.encoder(features))))
         parts = encoded.chunk(len(HEADS), dim=1)
         heads = zip(self.heads_out.values(), parts, strict=True)
-        return torch.cat([layer(part) for layer, part in heads], dim=1)
+        return torch.cat([layer(part) for layer, part in heads], dim=1) * self.unit
 
 
 class Trust(NamedTuple):
@@ -50,16 +58,12 @@ class Trust(NamedTuple):
         memory: `(n, memory)` new recurrent state.
         process, motion, size: log factors of the process noise `(n, 4)`, of the measurement noise
             of the motion axes `(n, 4)` and of the sizes `(n, 3)`.
-        motion_bias, size_bias: what the detector is expected to be off, `(n, 4)` and `(n, 3)`, in
-            units of the filter's features.
     """
 
     memory: Tensor
     process: Tensor
     motion: Tensor
     size: Tensor
-    motion_bias: Tensor
-    size_bias: Tensor
 
 
 class GainNetwork(nn.Module):
@@ -74,14 +78,14 @@ class GainNetwork(nn.Module):
         """A gated recurrent unit of `memory` units and a linear read-out."""
         super().__init__()
         self.recurrent = nn.GRUCell(features, memory)
-        self.read_out = nn.Linear(memory, 2 * (AXES + 3) + AXES)
+        self.read_out = nn.Linear(memory, 2 * AXES + 3)
         _start_at_zero(self.read_out)
 
     def forward(self, features: Tensor, memory: Tensor) -> Trust:
         """What to make of a detection, from features `(n, features)` and memory `(n, memory)`."""
         memory = self.recurrent(features, memory)
         said = LARGEST_SAID * torch.tanh(self.read_out(memory) / LARGEST_SAID)
-        return Trust(memory, *torch.split(said, [AXES, AXES, 3, AXES, 3], dim=1))
+        return Trust(memory, *torch.split(said, [AXES, AXES, 3], dim=1))
 
 
 def _start_at_zero(layer: nn.Module) -> None:

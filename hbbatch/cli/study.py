@@ -1,0 +1,30 @@
+"""`hbbatch study`: cross-validated comparisons from one file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hbbatch.cli.options import JsonOption
+
+
+def study(
+    file: Annotated[Path, typer.Argument(help="YAML file of the study (docs/accuracy.md).")],
+    out: Annotated[
+        Path | None, typer.Option(help="Markdown file to write the tables to as well.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Train and judge variants by cross-validation over sequences; print the tables."""
+    from hbbatch.dataset import write_aside
+    from hbbatch.runner.study import load_study, markdown, run_study
+
+    report = run_study(load_study(file), lambda what: typer.echo(what, err=True))
+    tables = markdown(report)
+    if out is not None:
+        with write_aside(out) as aside:
+            aside.write_text(f"<!-- made by: hbbatch study {file.name} -->\n{tables}")
+    typer.echo(json.dumps(report.to_json(), indent=2) if as_json else tables)

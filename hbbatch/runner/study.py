@@ -1,0 +1,300 @@
+"""Cross-validated comparisons: train on some sequences, judge on the others, for each variant.
+
+A study file names datasets (a detector each), folds by sequence and variants (how a filter is
+trained and how it tracks). Everything that is chosen, the score cut included, is chosen on the
+training folds. The same labelled sequences serve all datasets.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import torch
+from pydantic import Field
+
+from hbbatch.config import Settings, TrackSettings, TrainSettings, load_yaml, validate
+from hbbatch.dataset import Dataset
+from hbbatch.errors import ConfigError, DatasetError
+from hbbatch.evaluation.kitti import (
+    KittiTracks,
+    KittiTruth,
+    above_track_score,
+    evaluate_kitti,
+    kitti_tracks,
+    kitti_truth,
+)
+from hbbatch.evaluation.results import Scores
+from hbbatch.model.horizon import FilterError
+from hbbatch.projection import Camera
+from hbbatch.runner.train import train
+from hbbatch.tracking.engine import Tracker
+from hbbatch.tracking.frames import SequenceFrames, sequence_frames
+from hbbatch.tracking.tracks import tracks_table
+
+ProtocolName = Literal["gap_filled", "online"]
+Progress = Callable[[str], None]
+
+_CUT_QUANTILES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
+"""Score cuts that are tried, as shares of the boxes they drop: scores have no common scale."""
+
+
+class Variant(Settings):
+    """One thing to compare."""
+
+    name: str
+    filter: Literal["hybrid", "kalman"] = "hybrid"
+    train: dict[str, Any] = Field({}, description="training settings that differ")
+    track: dict[str, Any] = Field({}, description="tracking settings that differ")
+    train_on: tuple[str, ...] | None = Field(None, description="datasets; default: all")
+
+
+class StudySettings(Settings):
+    """A study file."""
+
+    datasets: dict[str, Path]
+    folds: int = Field(3, ge=2)
+    classes: tuple[str, ...] = ("car",)
+    protocols: tuple[ProtocolName, ...] = ("gap_filled", "online")
+    seeds: tuple[int, ...] = (0,)
+    variants: tuple[Variant, ...]
+
+
+@dataclass(frozen=True)
+class StudyRow:
+    """Scores of one variant on the held-out sequences of all folds together."""
+
+    variant: str
+    dataset: str
+    protocol: ProtocolName
+    seed: int
+    class_name: str
+    scores: Scores
+
+
+@dataclass
+class StudyReport:
+    """What a study measured.
+
+    Attributes:
+        rows: scores of the held-out sequences of all folds together.
+        errors: filter errors on held-out sequences by variant, an entry a fold and seed, each by
+            kind.
+        parameters: of each variant's filter.
+    """
+
+    rows: list[StudyRow] = field(default_factory=list)
+    errors: dict[str, list[dict[str, list[FilterError]]]] = field(default_factory=dict)
+    parameters: dict[str, int] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class _Material:
+    """What is judged on one dataset."""
+
+    root: Path
+    sequences: list[str]
+    frames: dict[str, SequenceFrames]
+    cameras: dict[str, Camera]
+    truth: KittiTruth
+
+
+def load_study(path: Path) -> StudySettings:
+    """A study file, paths relative to it.
+
+    Raises:
+        ConfigError: it cannot be read or does not validate.
+    """
+    study = validate(StudySettings, load_yaml(path), str(path))
+    for variant in study.variants:
+        unknown = set(variant.train_on or ()) - set(study.datasets)
+        if unknown:
+            raise ConfigError(f"{path}: variant {variant.name!r} trains on unknown {unknown}.")
+        validate(TrainSettings, variant.train, f"{path}: variant {variant.name!r}, train")
+        validate(TrackSettings, variant.track, f"{path}: variant {variant.name!r}, track")
+    roots = {name: path.parent / root.expanduser() for name, root in study.datasets.items()}
+    return study.model_copy(update={"datasets": roots})
+
+
+def run_study(study: StudySettings, progress: Progress = lambda _: None) -> StudyReport:
+    """Train and judge every variant, fold by fold.
+
+    Raises:
+        DatasetError: a dataset is missing or holds too few labelled sequences for the folds.
+        MissingExtraError: TrackEval is not installed.
+    """
+    materials = {name: _material(root, study.classes) for name, root in study.datasets.items()}
+    folds = _folds(materials, study.folds)
+    report = StudyReport()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in study.seeds:
+            for variant in study.variants:
+                _study_variant(
+                    study, variant, seed, folds, materials, Path(folder), report, progress
+                )
+    return report
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """What judging any variant needs."""
+
+    study: StudySettings
+    materials: Mapping[str, _Material]
+    folds: list[list[str]]
+    folder: Path
+    report: StudyReport
+    progress: Progress
+
+    def run(self, variant: Variant, seed: int) -> None:
+        """Train on all folds but one, track that one, in turn; score all folds together."""
+        held_out: dict[tuple[str, ProtocolName], KittiTracks] = {}
+        for number, fold in enumerate(self.folds):
+            self.progress(f"{variant.name}, seed {seed}, fold {number + 1}/{len(self.folds)}")
+            weights = self._trained(variant, seed, fold)
+            for name, material in self.materials.items():
+                for protocol in self.study.protocols:
+                    tracks = _track(material, variant, weights, protocol, self.study.classes)
+                    chosen = _with_best_cut(material, tracks, fold)
+                    _add(held_out.setdefault((name, protocol), {}), chosen)
+        for (name, protocol), tracks in held_out.items():
+            scores = evaluate_kitti(self.materials[name].truth, tracks).classes
+            for class_name, of_class in scores.items():
+                row = StudyRow(variant.name, name, protocol, seed, class_name, of_class.combined)
+                self.report.rows.append(row)
+
+    def _trained(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
+        weights = self.folder / "fold.safetensors"
+        settings = TrainSettings.model_validate({**variant.train, "seed": seed})
+        roots = [self.study.datasets[name] for name in variant.train_on or self.study.datasets]
+        trained = train(roots, weights, settings, kind=variant.filter, hold_out=fold)
+        self.report.errors.setdefault(variant.name, []).append(trained.errors)
+        self.report.parameters[variant.name] = trained.parameters
+        return weights
+
+
+def _material(root: Path, classes: Sequence[str]) -> _Material:
+    dataset = Dataset.open(root)
+    labels: dict[str, pa.Table] = {}
+    frames, cameras = {}, {}
+    for sequence_id in dataset.sequence_ids():
+        table = dataset.labels(sequence_id)
+        calibration = dataset.calibration(sequence_id)
+        if table is None or calibration is None:
+            continue
+        labels[sequence_id] = table
+        cameras[sequence_id] = Camera.from_calibration(calibration, f"sequence {sequence_id}")
+        frames[sequence_id] = sequence_frames(
+            sequence_id, dataset.detections(sequence_id), dataset.poses(sequence_id), classes
+        )
+    return _Material(root, sorted(labels), frames, cameras, kitti_truth(labels, classes))
+
+
+def _folds(materials: Mapping[str, _Material], count: int) -> list[list[str]]:
+    """Sequences common to all datasets, dealt so that folds have about as many frames."""
+    common = set.intersection(*(set(m.sequences) for m in materials.values()))
+    if len(common) < count:
+        raise DatasetError(
+            f"{len(common)} labelled sequences are common to all datasets of the study, too few "
+            f"for {count} folds. Ingest more, or ask for fewer folds."
+        )
+    frames = next(iter(materials.values())).frames
+    folds: list[list[str]] = [[] for _ in range(count)]
+    size = [0] * count
+    for sequence_id in sorted(common, key=lambda s: (-frames[s].frame_count, s)):
+        smallest = size.index(min(size))
+        folds[smallest].append(sequence_id)
+        size[smallest] += frames[sequence_id].frame_count
+    return folds
+
+
+def _track(
+    material: _Material, variant: Variant, weights: Path, protocol: str, classes: Sequence[str]
+) -> KittiTracks:
+    """Tracks of every sequence, uncut."""
+    content = {"weights": str(weights), "classes": classes, **variant.track}
+    content["output"] = {**content.get("output", {}), "protocol": protocol}
+    settings = TrackSettings.model_validate({**content, "filter": variant.filter})
+    tracker = Tracker(settings, torch.device("cpu"))
+    done = tracker.track([material.frames[s] for s in material.sequences])
+    tables = {d.frames.sequence_id: tracks_table(d, tracker.class_names) for d in done}
+    return kitti_tracks(tables, material.cameras, classes)
+
+
+def _with_best_cut(material: _Material, tracks: KittiTracks, fold: Sequence[str]) -> KittiTracks:
+    """The held-out tracks, cut for each class where the training sequences score best."""
+    chosen: KittiTracks = {}
+    for name, by_sequence in tracks.items():
+        training = {name: {s: t for s, t in by_sequence.items() if s not in fold}}
+        truth = {name: {s: t for s, t in material.truth[name].items() if s not in fold}}
+        scores = np.concatenate([t.track_score for t in training[name].values()])
+        cuts = np.unique(np.quantile(scores, _CUT_QUANTILES)) if len(scores) else np.zeros(1)
+        hota = [
+            evaluate_kitti(truth, above_track_score(training, cut)).classes[name].combined.hota
+            for cut in cuts
+        ]
+        held_out = {name: {s: t for s, t in by_sequence.items() if s in fold}}
+        chosen |= above_track_score(held_out, float(cuts[int(np.argmax(hota))]))
+    return chosen
+
+
+def _add(target: KittiTracks, tracks: KittiTracks) -> None:
+    for name, by_sequence in tracks.items():
+        target.setdefault(name, {}).update(by_sequence)
+
+
+def markdown(report: StudyReport) -> str:
+    """The report as Markdown tables: scores, then filter errors."""
+    return "\n".join([*_score_lines(report), "", *_error_lines(report), ""])
+
+
+def _score_lines(report: StudyReport) -> list[str]:
+    lines = [
+        "| detections | protocol | class | variant | seed "
+        "| HOTA | DetA | AssA | LocA | MOTA | IDSW |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    rows = sorted(report.rows, key=lambda r: (r.dataset, r.protocol, r.class_name))
+    for row in rows:
+        s = row.scores
+        lines.append(
+            f"| {row.dataset} | {row.protocol} | {row.class_name} | {row.variant} | {row.seed} "
+            f"| {s.hota:.2f} | {s.deta:.2f} | {s.assa:.2f} | {s.loca:.2f} | {s.mota:.2f} "
+            f"| {s.idsw} |"
+        )
+    return lines
+
+
+def _error_lines(report: StudyReport) -> list[str]:
+    """Plan-view errors by kind, age and frames ahead; folds weighted by their boxes."""
+    names = list(report.errors)
+    lines = [
+        f"| kind | age | frames ahead | {' | '.join(names)} |",
+        "|---|---|---|" + "---|" * len(names),
+    ]
+    pooled = {name: _pooled(report.errors[name]) for name in names}
+    for key in pooled[names[0]] if names else ():
+        kind, age, ahead = key
+        values = " | ".join(f"{pooled[name].get(key, float('nan')):.3f}" for name in names)
+        lines.append(f"| {kind} | {age} | {ahead or 'posterior'} | {values} |")
+    return lines
+
+
+def _pooled(folds: list[dict[str, list[FilterError]]]) -> dict[tuple[str, int, int], float]:
+    total: dict[tuple[str, int, int], list[float]] = {}
+    for errors in folds:
+        for kind, of_kind in errors.items():
+            for error in of_kind:
+                entry = total.setdefault((kind, error.age, error.frames_ahead), [0.0, 0.0])
+                entry[0] += error.plan_m * error.count
+                entry[1] += error.count
+    return {key: sum_m / max(count, 1.0) for key, (sum_m, count) in total.items()}
