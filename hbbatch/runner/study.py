@@ -138,9 +138,8 @@ def run_study(study: StudySettings, progress: Progress = lambda _: None) -> Stud
     with tempfile.TemporaryDirectory() as folder:
         for seed in study.seeds:
             for variant in study.variants:
-                _study_variant(
-                    study, variant, seed, folds, materials, Path(folder), report, progress
-                )
+                judge = _Judge(study, materials, folds, Path(folder), report, progress)
+                judge.run(variant, seed)
     return report
 
 
