@@ -18,12 +18,13 @@ _GROWTH: Final = 1.0 + 1e-9
 would be counted twice, or not at all."""
 
 _TINY: Final = 1e-300
-_CORNER_X: Final = np.array([0.5, -0.5, -0.5, 0.5])
-_CORNER_Y: Final = np.array([0.5, 0.5, -0.5, -0.5])
 
 
 def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     """Area shared by the footprints of boxes, pair by pair.
+
+    Each rectangle is looked at in the frame of the other, where the other one is upright. Both
+    are held in one array, so that a few operations serve all edges of both.
 
     Args:
         first: `(n, 7)` boxes.
@@ -32,24 +33,18 @@ def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     Returns:
         `(n,)` m².
     """
+    half = np.empty((2, 2, len(first)))
+    np.multiply(first[:, LENGTH : WIDTH + 1].T, 0.5 * _GROWTH, out=half[0])
+    np.multiply(second[:, LENGTH : WIDTH + 1].T, 0.5, out=half[1])
     turn = first[:, YAW] - second[:, YAW]
-    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    offset_x, offset_y = _rotate(
-        first[:, X] - second[:, X], first[:, Y] - second[:, Y], -second[:, YAW]
-    )
-    # Corners of the first rectangle in the frame of the second, and the other way round.
-    along, across = _corners(first, _GROWTH)
-    first_x = offset_x[:, None] + cos * along - sin * across
-    first_y = offset_y[:, None] + sin * along + cos * across
-    along, across = _corners(second, 1.0)
-    second_x = cos * (along - offset_x[:, None]) + sin * (across - offset_y[:, None])
-    second_y = cos * (across - offset_y[:, None]) - sin * (along - offset_x[:, None])
-
-    inside_second = _share_inside(first_x, first_y, second, 1.0)
-    next_x, next_y = _next(first_x), _next(first_y)
-    area = np.sum(inside_second * (first_x * next_y - first_y * next_x), axis=1)
-    inside_first = _share_inside(second_x, second_y, first, _GROWTH)
-    area += np.sum(inside_first, axis=1) * (second[:, LENGTH] * second[:, WIDTH] * 0.5)
+    cos, sin = np.cos(turn), np.sin(turn)
+    edge = _half_edges(half, cos, sin)
+    middle = _edge_middles(_mutual_centres(first, second, cos, sin), edge)
+    inside = _length_inside(middle, edge, half[::-1].swapaxes(0, 1))
+    cross = middle[0, 0] * edge[1, 0, :, None] - middle[1, 0] * edge[0, 0, :, None]
+    cross *= inside[0]
+    area = cross[0, 1] - cross[0, 0] + cross[1, 0] - cross[1, 1]
+    area += inside[1].sum(axis=(0, 1)) * (half[1, 0] * half[1, 1])
     shared: FloatArray = np.maximum(0.5 * area, 0.0)
     return shared
 
@@ -84,37 +79,50 @@ def shared_height(first: FloatArray, second: FloatArray) -> FloatArray:
     return height
 
 
-def _rotate(x: FloatArray, y: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return cos * x - sin * y, sin * x + cos * y
+def _half_edges(half: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """`(axis, rectangle, along or across, n)` half sides, each in the frame of the other one."""
+    edge = np.empty((2, *half.shape))
+    np.multiply(half[:, 0], cos, out=edge[0, :, 0])
+    np.multiply(half[:, 1], cos, out=edge[1, :, 1])
+    np.multiply(half[0, 0], sin, out=edge[1, 0, 0])
+    np.multiply(half[1, 1], sin, out=edge[0, 1, 1])
+    np.multiply(half[1, 0], -sin, out=edge[1, 1, 0])
+    np.multiply(half[0, 1], -sin, out=edge[0, 0, 1])
+    return edge
 
 
-def _corners(boxes: FloatArray, growth: float) -> tuple[FloatArray, FloatArray]:
-    """Corners `(n, 4)` counter-clockwise in each box's own frame."""
-    return (
-        boxes[:, LENGTH, None] * (growth * _CORNER_X),
-        boxes[:, WIDTH, None] * (growth * _CORNER_Y),
-    )
+def _mutual_centres(
+    first: FloatArray, second: FloatArray, cos: FloatArray, sin: FloatArray
+) -> FloatArray:
+    """`(axis, rectangle, n)` centre of each rectangle in the frame of the other one."""
+    centre = np.empty((2, 2, len(first)))
+    x, y = first[:, X] - second[:, X], first[:, Y] - second[:, Y]
+    heading_cos, heading_sin = np.cos(second[:, YAW]), np.sin(second[:, YAW])
+    centre[0, 0] = heading_cos * x + heading_sin * y
+    centre[1, 0] = heading_cos * y - heading_sin * x
+    centre[0, 1] = -cos * centre[0, 0] - sin * centre[1, 0]
+    centre[1, 1] = sin * centre[0, 0] - cos * centre[1, 0]
+    return centre
 
 
-def _next(corner: FloatArray) -> FloatArray:
-    return corner[:, [1, 2, 3, 0]]
+def _edge_middles(centre: FloatArray, edge: FloatArray) -> FloatArray:
+    """`(axis, rectangle, along or across, side, n)` middles of the edges that run that way."""
+    middle = np.empty((2, 2, 2, 2, centre.shape[-1]))
+    np.add(centre[:, :, None], edge[:, :, ::-1], out=middle[:, :, :, 0])
+    np.subtract(centre[:, :, None], edge[:, :, ::-1], out=middle[:, :, :, 1])
+    return middle
 
 
-def _share_inside(x: FloatArray, y: FloatArray, box: FloatArray, growth: float) -> FloatArray:
-    """Share of each edge x[i], y[i] → next corner inside an upright rectangle at the origin."""
-    enter_x, leave_x = _crossings(x, box[:, LENGTH, None] * (0.5 * growth))
-    enter_y, leave_y = _crossings(y, box[:, WIDTH, None] * (0.5 * growth))
-    enter = np.maximum(np.maximum(enter_x, enter_y), 0.0)
-    leave = np.minimum(np.minimum(leave_x, leave_y), 1.0)
-    share: FloatArray = np.maximum(leave - enter, 0.0)
-    return share
+def _length_inside(middle: FloatArray, edge: FloatArray, limit: FloatArray) -> FloatArray:
+    """`(rectangle, along or across, side, n)` half sides of each edge inside the other rectangle.
 
-
-def _crossings(start: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where along each edge (0 start, 1 end) a coordinate enters and leaves [-half, half]."""
-    step = _next(start) - start
-    step = np.where(np.abs(step) < _TINY, _TINY, step)
-    with np.errstate(over="ignore"):
-        low, high = (-half - start) / step, (half - start) / step
-    return np.minimum(low, high), np.maximum(low, high)
+    An edge is middle + t·edge, t from -1 to 1; `limit` `(axis, rectangle, n)` is half the size of
+    the upright rectangle that cuts it.
+    """
+    inverse = 1.0 / np.where(np.abs(edge) < _TINY, _TINY, edge)
+    crossing = middle * inverse[:, :, :, None]
+    reach = (limit[:, :, None] * np.abs(inverse))[:, :, :, None]
+    leave = np.minimum(*(crossing + reach))
+    enter = np.maximum(*(crossing - reach))
+    length: FloatArray = np.minimum(leave, 1.0) - np.maximum(enter, -1.0)
+    return np.maximum(length, 0.0)
