@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, YAW, FloatArray, X
+from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, YAW, FloatArray, X, Y, Z
 from hbbatch.config import AssociationSettings, CostName
 from hbbatch.overlap import footprint_intersection, shared_height, volume
 
@@ -29,6 +29,65 @@ class Pairs(NamedTuple):
     def take(self, rows: NDArray[np.generic]) -> Pairs:
         """Pairs chosen by mask or index."""
         return Pairs(self.track[rows], self.detection[rows])
+
+
+class Targets(NamedTuple):
+    """Detections laid out for matching: block after block, sorted by x within a block.
+
+    Attributes:
+        boxes: `(m, 7)` in the order of the caller.
+        reach_m: `(m,)` see `_reach`.
+        order: `(m,)` row of the boxes at each place of the layout.
+        key: `(m,)` position along the layout, ascending: blocks side by side along x.
+        low_m, high_m: range of x in which boxes lie.
+    """
+
+    boxes: FloatArray
+    reach_m: FloatArray
+    order: IntArray
+    key: FloatArray
+    low_m: float
+    high_m: float
+
+    def batch(self, start: int, stop: int) -> Targets:
+        """One of the batches that `lay_out` kept apart, rows counting from 0 again."""
+        rows = slice(start, stop)
+        return self._replace(
+            boxes=self.boxes[rows],
+            reach_m=self.reach_m[rows],
+            order=self.order[rows] - start,
+            key=self.key[rows],
+        )
+
+
+def lay_out(
+    detections: FloatArray,
+    block: IntArray,
+    settings: AssociationSettings,
+    batch: IntArray | None = None,
+) -> Targets:
+    """Sort detections for matching.
+
+    Args:
+        detections: `(m, 7)` detected boxes, world frame.
+        block: `(m,)`; a track matches only detections of its own block.
+        settings: cost and threshold.
+        batch: `(m,)` ascending; batches stay apart, so that each can be matched alone.
+    """
+    x = detections[:, X]
+    keys = (x, block) if batch is None else (x, block, batch)
+    order = np.lexsort(keys)
+    low, high = x.min(initial=0.0), x.max(initial=0.0)
+    key = _key(x[order], block[order], low, high)
+    reach = _reach(detections, settings.cost, settings.threshold)
+    return Targets(detections, reach, order, key, float(low), float(high))
+
+
+def _key(x: FloatArray, block: IntArray, low_m: float, high_m: float) -> FloatArray:
+    """Position in the layout; x beyond the range stays within a metre of its own block."""
+    inside = np.minimum(np.maximum(x, low_m - 1.0), high_m + 1.0)
+    inside += block * (high_m - low_m + 3.0)
+    return inside
 
 
 def associate(
@@ -50,76 +109,72 @@ def associate(
     Returns:
         Matched pairs, at most one a track and one a detection.
     """
+    return match(priors, track_block, lay_out(detections, detection_block, settings), settings)
+
+
+def match(
+    priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
+) -> Pairs:
+    """`associate` with the detections laid out already."""
     threshold = settings.threshold
-    track_reach, detection_reach = _reach(priors, detections, settings.cost, threshold)
-    pairs = candidates(
-        priors, track_block, track_reach, detections, detection_block, detection_reach
+    reach = _reach(priors, settings.cost, threshold)
+    pairs = candidates(priors, track_block, reach, targets)
+    costs = COSTS[settings.cost](
+        _gather(priors, pairs.track), _gather(targets.boxes, pairs.detection)
     )
-    costs = COSTS[settings.cost](priors[pairs.track], detections[pairs.detection])
     affordable = np.flatnonzero(costs < threshold)
     order = affordable[np.argsort(costs[affordable], kind="stable")]
     return greedy(pairs.take(order))
 
 
+def _gather(boxes: FloatArray, rows: IntArray) -> FloatArray:
+    """Rows of boxes, stored column by column: costs are computed on columns."""
+    return np.ascontiguousarray(boxes.take(rows, axis=0).T).T
+
+
 def candidates(
-    priors: FloatArray,
-    track_block: IntArray,
-    track_reach: FloatArray,
-    detections: FloatArray,
-    detection_block: IntArray,
-    detection_reach: FloatArray,
+    priors: FloatArray, track_block: IntArray, track_reach_m: FloatArray, targets: Targets
 ) -> Pairs:
     """Pairs of equal block whose centres are closer than the sum of their reaches.
 
-    A sweep along x: detections are sorted once, every track looks up the strip it can reach, so
+    A sweep along x: every track looks up the strip it can reach among the sorted detections, so
     the work grows with neighbours and not with tracks × detections.
     """
-    if not len(priors) or not len(detections):
-        return Pairs(np.empty(0, np.int64), np.empty(0, np.int64))
-    order = np.lexsort((detections[:, X], detection_block))
-    x = detections[order, X]
-    # One sortable key a block: blocks are laid side by side along x, further apart than any reach.
-    origin = min(x.min(), priors[:, X].min())
-    reach = track_reach + detection_reach.max()
-    spacing = max(x.max(), priors[:, X].max()) - origin + 2.0 * reach.max() + 1.0
-    sorted_key = detection_block[order] * spacing + (x - origin)
-    key = track_block * spacing + (priors[:, X] - origin)
-    first = np.searchsorted(sorted_key, key - reach)
-    count = np.searchsorted(sorted_key, key + reach, side="right") - first
-    track = np.repeat(np.arange(len(priors)), count)
-    skipped = np.cumsum(count) - count
-    detection = order[np.arange(len(track)) - (skipped - first)[track]]
-    limit = track_reach[track] + detection_reach[detection]
-    near = priors[track, :2] - detections[detection, :2]
-    kept = np.flatnonzero(np.einsum("ij,ij->i", near, near) < limit * limit)
-    return Pairs(track[kept], detection[kept])
+    strip = track_reach_m + targets.reach_m.max(initial=0.0)
+    x = priors[:, X]
+    first = targets.key.searchsorted(_key(x - strip, track_block, targets.low_m, targets.high_m))
+    end = targets.key.searchsorted(
+        _key(x + strip, track_block, targets.low_m, targets.high_m), side="right"
+    )
+    count = end - first
+    track = np.arange(len(priors)).repeat(count)
+    place = np.arange(len(track))
+    place += (first - (count.cumsum() - count)).repeat(count)
+    detection = targets.order[place]
+    across = x[track] - targets.boxes[:, X][detection]
+    along = priors[:, Y][track] - targets.boxes[:, Y][detection]
+    limit = track_reach_m[track] + targets.reach_m[detection]
+    near = np.flatnonzero(across * across + along * along < limit * limit)
+    return Pairs(track[near], detection[near])
 
 
 def greedy(pairs: Pairs) -> Pairs:
     """Greedy matching of pairs sorted by cost: the cheapest free pair is taken, again and again.
 
-    In each round every pair that comes first for its track and for its detection is taken; no
-    cheaper pair could have claimed either, so this is the sequential algorithm in a few passes.
+    A plain walk: candidates are few a track, and one costs less here than its share of the array
+    operations it takes to find independent pairs in rounds.
     """
     if not len(pairs.track):
         return pairs
-    taken_pairs = []
-    first_of_track = np.empty(pairs.track.max() + 1, np.int64)
-    first_of_detection = np.empty(pairs.detection.max() + 1, np.int64)
-    while len(pairs.track):
-        number = np.arange(len(pairs.track))
-        # Written backwards, so that the first occurrence is what remains.
-        first_of_track[pairs.track[::-1]] = number[::-1]
-        first_of_detection[pairs.detection[::-1]] = number[::-1]
-        best_for_track = first_of_track[pairs.track]
-        best_for_detection = first_of_detection[pairs.detection]
-        taken = (best_for_track == number) & (best_for_detection == number)
-        taken_pairs.append(pairs.take(taken))
-        pairs = pairs.take(~(taken[best_for_track] | taken[best_for_detection]))
-    return Pairs(
-        np.concatenate([p.track for p in taken_pairs]),
-        np.concatenate([p.detection for p in taken_pairs]),
-    )
+    track_free = bytearray(b"\1") * (int(pairs.track.max()) + 1)
+    detection_free = bytearray(b"\1") * (int(pairs.detection.max()) + 1)
+    taken = []
+    walk = zip(pairs.track.tolist(), pairs.detection.tolist(), strict=True)
+    for number, (track, detection) in enumerate(walk):
+        if track_free[track] and detection_free[detection]:
+            track_free[track] = detection_free[detection] = 0
+            taken.append(number)
+    return pairs.take(np.array(taken))
 
 
 def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:
@@ -128,24 +183,40 @@ def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:
     The enclosing box is upright in the prior's heading frame, so the cost does not depend on how
     the world's axes lie.
     """
-    shared = footprint_intersection(detections, priors) * shared_height(detections, priors)
-    iou = shared / (volume(priors) + volume(detections) - shared)
-    difference = detections[:, :3] - priors[:, :3]
-    diagonal = _enclosing_footprint(priors, detections)
-    rise = np.abs(difference[:, 2])
+    diagonal, meet = _enclosing_footprint(priors, detections)
+    rise = np.abs(detections[:, Z] - priors[:, Z])
     diagonal += _span(rise, priors[:, HEIGHT], detections[:, HEIGHT]) ** 2
-    distance = np.einsum("ij,ij->i", difference, difference)
+    height = shared_height(detections, priors)
+    shared = _shared_footprint(priors, detections, meet & (height > 0.0)) * height
+    iou = shared / (volume(priors) + volume(detections) - shared)
+    distance = _squared_distance(priors, detections) + rise * rise
     return _ciou_cost(iou, distance / diagonal, priors, detections)
 
 
 def ciou_2d(priors: FloatArray, detections: FloatArray) -> FloatArray:
     """1 − CIoU of rotated footprints, pair by pair."""
-    shared = footprint_intersection(detections, priors)
+    diagonal, meet = _enclosing_footprint(priors, detections)
+    shared = _shared_footprint(priors, detections, meet)
     area = priors[:, LENGTH] * priors[:, WIDTH] + detections[:, LENGTH] * detections[:, WIDTH]
-    difference = detections[:, :2] - priors[:, :2]
-    distance = np.einsum("ij,ij->i", difference, difference)
-    spread = distance / _enclosing_footprint(priors, detections)
+    spread = _squared_distance(priors, detections) / diagonal
     return _ciou_cost(shared / (area - shared), spread, priors, detections)
+
+
+def _shared_footprint(
+    priors: FloatArray, detections: FloatArray, meet: NDArray[np.bool_]
+) -> FloatArray:
+    """Footprint intersection, computed only where boxes may meet."""
+    shared = np.zeros(len(priors))
+    rows = np.flatnonzero(meet)
+    shared[rows] = footprint_intersection(_gather(detections, rows), _gather(priors, rows))
+    return shared
+
+
+def _squared_distance(priors: FloatArray, detections: FloatArray) -> FloatArray:
+    """In the plane, pair by pair."""
+    x, y = detections[:, X] - priors[:, X], detections[:, Y] - priors[:, Y]
+    distance: FloatArray = x * x + y * y
+    return distance
 
 
 def l2(priors: FloatArray, detections: FloatArray) -> FloatArray:
@@ -173,26 +244,33 @@ def _ciou_cost(
     iou: FloatArray, spread: FloatArray, priors: FloatArray, detections: FloatArray
 ) -> FloatArray:
     """1 − (IoU − spread − β·v), v the aspect term and spread the squared distance ratio."""
-    aspect = np.arctan(priors[:, LENGTH] / priors[:, WIDTH]) - np.arctan(
-        detections[:, LENGTH] / detections[:, WIDTH]
-    )
-    v = (4.0 / np.pi**2) * aspect**2
-    weight = v / np.maximum(1.0 - iou + v, 1e-12)
-    cost: FloatArray = 1.0 - iou + spread + weight * v
+    aspect = np.arctan(priors[:, LENGTH] / priors[:, WIDTH])
+    aspect -= np.arctan(detections[:, LENGTH] / detections[:, WIDTH])
+    v = (4.0 / np.pi**2) * aspect * aspect
+    cost: FloatArray = 1.0 - iou
+    cost += spread + v * v / np.maximum(1.0 - iou + v, 1e-12)
     return cost
 
 
-def _enclosing_footprint(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """Squared diagonal of the rectangle around both, upright in the prior's heading frame."""
+def _enclosing_footprint(
+    priors: FloatArray, detections: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Rectangles upright in the prior's heading frame, pair by pair.
+
+    Returns:
+        Squared diagonal of the rectangle around both boxes, and whether the rectangles around
+        each of them meet (where they do not, the boxes share nothing).
+    """
     cos, sin = np.cos(priors[:, YAW]), np.sin(priors[:, YAW])
-    dx, dy = (detections[:, :2] - priors[:, :2]).T
+    dx, dy = detections[:, X] - priors[:, X], detections[:, Y] - priors[:, Y]
     along, across = np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
     turn = detections[:, YAW] - priors[:, YAW]
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-    length, width = detections[:, LENGTH], detections[:, WIDTH]
-    diagonal: FloatArray = _span(along, priors[:, LENGTH], cos * length + sin * width) ** 2
-    diagonal += _span(across, priors[:, WIDTH], sin * length + cos * width) ** 2
-    return diagonal
+    length = cos * detections[:, LENGTH] + sin * detections[:, WIDTH]
+    width = sin * detections[:, LENGTH] + cos * detections[:, WIDTH]
+    long, wide = _span(along, priors[:, LENGTH], length), _span(across, priors[:, WIDTH], width)
+    meet = (2.0 * along < priors[:, LENGTH] + length) & (2.0 * across < priors[:, WIDTH] + width)
+    return long * long + wide * wide, meet
 
 
 def _span(distance: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -201,9 +279,7 @@ def _span(distance: FloatArray, first: FloatArray, second: FloatArray) -> FloatA
     return span
 
 
-def _reach(
-    priors: FloatArray, detections: FloatArray, cost: CostName, threshold: float
-) -> tuple[FloatArray, FloatArray]:
+def _reach(boxes: FloatArray, cost: CostName, threshold: float) -> FloatArray:
     """Radii such that no pair further apart than their sum can cost less than the threshold.
 
     Distance costs: the threshold itself. CIoU: a pair cheaper than τ has d² < (IoU + τ − 1)·c²;
@@ -211,13 +287,11 @@ def _reach(
     d + r₁ + √2·r₂, which bounds d.
     """
     if cost in ("l2", "l2_size"):
-        half = 0.5 * threshold
-        return np.full(len(priors), half), np.full(len(detections), half)
+        return np.full(len(boxes), 0.5 * threshold)
     ratio = min(np.sqrt(max(threshold - 1.0, 0.0)), 0.9)
     stretch = max(1.0, np.sqrt(2.0) * ratio / (1.0 - ratio))
-    return stretch * _radius(priors), stretch * _radius(detections)
-
-
-def _radius(boxes: FloatArray) -> FloatArray:
-    radius: FloatArray = 0.5 * np.linalg.norm(boxes[:, LENGTH : HEIGHT + 1], axis=1)
+    length, width, height = boxes[:, LENGTH], boxes[:, WIDTH], boxes[:, HEIGHT]
+    radius: FloatArray = (0.5 * stretch) * np.sqrt(
+        length * length + width * width + height * height
+    )
     return radius

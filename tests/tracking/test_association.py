@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import COSTS, Pairs, associate, candidates, greedy
+from hbbatch.tracking.association import COSTS, Pairs, associate, candidates, greedy, lay_out, match
 
 COST_NAMES = sorted(COSTS)
 
@@ -68,7 +68,8 @@ def test_candidates_are_exactly_the_near_pairs_of_equal_block(seed: int) -> None
     tracks, detections = boxes_around(rng, 30), boxes_around(rng, 25)
     track_block, detection_block = rng.integers(0, 4, 30), rng.integers(0, 4, 25)
     reach, other = rng.uniform(1, 5, 30), rng.uniform(1, 5, 25)
-    found = candidates(tracks, track_block, reach, detections, detection_block, other)
+    targets = lay_out(detections, detection_block, AssociationSettings())
+    found = candidates(tracks, track_block, reach, targets._replace(reach_m=other))
     distance = np.linalg.norm(tracks[:, None, :2] - detections[None, :, :2], axis=2)
     near = (distance < reach[:, None] + other) & (track_block[:, None] == detection_block)
     assert set(zip(*found, strict=True)) == set(zip(*np.nonzero(near), strict=True))
@@ -83,6 +84,28 @@ def test_blocks_never_mix_and_do_not_change_each_other() -> None:
     both = associate(np.tile(priors, (2, 1)), block, np.tile(detections, (2, 1)), block, settings)
     pairs = set(zip(*alone, strict=True))
     assert set(zip(*both, strict=True)) == pairs | {(t + 20, d + 20) for t, d in pairs}
+
+
+def test_batches_laid_out_together_match_as_if_alone() -> None:
+    """A group's detections are sorted once, and each lock step takes its slice."""
+    rng = np.random.default_rng(6)
+    settings = AssociationSettings()
+    priors, detections = boxes_around(rng, 30), boxes_around(rng, 60)
+    block, batch = rng.integers(0, 2, 60), np.repeat([0, 1], 30)
+    targets = lay_out(detections, block, settings, batch)
+    for start in (0, 30):
+        part = slice(start, start + 30)
+        found = match(priors, block[:30], targets.batch(start, start + 30), settings)
+        alone = associate(priors, block[:30], detections[part], block[part], settings)
+        assert set(zip(*found, strict=True)) == set(zip(*alone, strict=True))
+
+
+def test_a_prior_far_outside_all_detections_reaches_no_other_block() -> None:
+    settings = AssociationSettings()
+    detections = boxes_around(np.random.default_rng(7), 20)
+    block = np.repeat([0, 1], 10)
+    lost = detections[:1] + np.array([[1e5, 0, 0, 0, 0, 0, 0]])
+    assert len(associate(lost, block[:1], detections, block, settings).track) == 0
 
 
 def test_nothing_to_match_is_no_error() -> None:
