@@ -79,6 +79,9 @@ class OutputSettings(Settings):
     min_track_score: float | None = Field(
         None, description="boxes of tracks whose mean detection score is lower are not written"
     )
+    min_local_score: float | None = Field(
+        None, description="boxes are not written where the track's mean score nearby is lower"
+    )
     min_detections: int = Field(
         1, ge=1, description="boxes of tracks with fewer detections are not written"
     )

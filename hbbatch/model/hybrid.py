@@ -141,7 +141,7 @@ class HybridFilter(nn.Module):
         trust = self.gain(features, rows[:, column["memory"]])
         variance, size_variance = self.base.measurement_variance(seen, base[:, -1].long())
         posterior, base = self.base.update_with(
-            prior, base, new, variance * trust.motion.exp(), size_variance * trust.size.exp()
+            prior, base, new, variance * trust.measured.exp(), size_variance
         )
         correction = (posterior - prior).float()
         turned = wrap_half_turn(correction[:, 6:7])

@@ -20,7 +20,7 @@ LARGEST_SAID = 4.0
 """Bound on what the gain network says, so that no noise factor leaves e⁻⁴ to e⁴."""
 
 
-_RESIDUAL_UNIT = (1.0, 0.5, 0.2, 0.05, 0.05, 0.05, 0.2)
+_RESIDUAL_UNIT = (1.0, 0.5, 0.05, 0.01, 0.01, 0.01, 0.2)
 """What the heads say is scaled by this (m/s along, across, up; m/s of the sizes; rad/s): sizes and
 height hardly change, and a detector's mean error must not be learned as motion."""
 
@@ -56,14 +56,14 @@ class Trust(NamedTuple):
 
     Attributes:
         memory: `(n, memory)` new recurrent state.
-        process, motion, size: log factors of the process noise `(n, 4)`, of the measurement noise
-            of the motion axes `(n, 4)` and of the sizes `(n, 3)`.
+        process, measured: log factors of the process and measurement noise of the motion axes,
+            `(n, 4)` each. Sizes are left to the classical filter, whose estimates generalise
+            better from one detector to the next.
     """
 
     memory: Tensor
     process: Tensor
-    motion: Tensor
-    size: Tensor
+    measured: Tensor
 
 
 class GainNetwork(nn.Module):
@@ -78,14 +78,14 @@ class GainNetwork(nn.Module):
         """A gated recurrent unit of `memory` units and a linear read-out."""
         super().__init__()
         self.recurrent = nn.GRUCell(features, memory)
-        self.read_out = nn.Linear(memory, 2 * AXES + 3)
+        self.read_out = nn.Linear(memory, 2 * AXES)
         _start_at_zero(self.read_out)
 
     def forward(self, features: Tensor, memory: Tensor) -> Trust:
         """What to make of a detection, from features `(n, features)` and memory `(n, memory)`."""
         memory = self.recurrent(features, memory)
         said = LARGEST_SAID * torch.tanh(self.read_out(memory) / LARGEST_SAID)
-        return Trust(memory, *torch.split(said, [AXES, AXES, 3], dim=1))
+        return Trust(memory, said[:, :AXES], said[:, AXES:])
 
 
 def _start_at_zero(layer: nn.Module) -> None:

@@ -40,7 +40,7 @@ class LossParts(NamedTuple):
 def train_hybrid(
     motion: HybridFilter, data: WindowSet, settings: TrainSettings, progress: Progress
 ) -> list[float]:
-    """Train in place.
+    """Train the learned parts in place; the classical base stays as its likelihood fit left it.
 
     Args:
         motion: the filter; its classical base should be fitted already.
@@ -52,8 +52,9 @@ def train_hybrid(
         The loss of every iteration.
     """
     generator = torch.Generator().manual_seed(settings.seed)
+    learned = [*motion.residual.parameters(), *motion.gain.parameters()]
     optimiser = torch.optim.Adam(
-        motion.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        learned, lr=settings.learning_rate, weight_decay=settings.weight_decay
     )
     rates = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, settings.learning_rate, total_steps=settings.iterations, pct_start=0.05
@@ -65,7 +66,7 @@ def train_hybrid(
         loss = total_loss(batch_losses(motion, windows), settings)
         optimiser.zero_grad()
         torch.autograd.backward(loss)
-        nn.utils.clip_grad_norm_(motion.parameters(), _LONGEST_GRADIENT)
+        nn.utils.clip_grad_norm_(learned, _LONGEST_GRADIENT)
         optimiser.step()
         rates.step()
         history.append(loss.item())

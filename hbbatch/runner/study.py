@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import torch
 from pydantic import Field
 
@@ -24,7 +25,6 @@ from hbbatch.errors import ConfigError, DatasetError
 from hbbatch.evaluation.kitti import (
     KittiTracks,
     KittiTruth,
-    above_track_score,
     evaluate_kitti,
     kitti_tracks,
     kitti_truth,
@@ -162,9 +162,10 @@ class _Judge:
             weights = self._trained(variant, seed, fold)
             for name, material in self.materials.items():
                 for protocol in self.study.protocols:
-                    tracks = _track(material, variant, weights, protocol, self.study.classes)
-                    chosen = _with_best_cut(material, tracks, fold)
-                    _add(held_out.setdefault((name, protocol), {}), chosen)
+                    tables = _track(material, variant, weights, protocol, self.study.classes)
+                    for class_name in self.study.classes:
+                        chosen = _with_best_cuts(material, tables, fold, class_name)
+                        _add(held_out.setdefault((name, protocol), {}), chosen)
         for (name, protocol), tracks in held_out.items():
             scores = evaluate_kitti(self.materials[name].truth, tracks).classes
             for class_name, of_class in scores.items():
@@ -218,32 +219,57 @@ def _folds(materials: Mapping[str, _Material], count: int) -> list[list[str]]:
 
 def _track(
     material: _Material, variant: Variant, weights: Path, protocol: str, classes: Sequence[str]
-) -> KittiTracks:
-    """Tracks of every sequence, uncut."""
+) -> dict[str, pa.Table]:
+    """Tracks tables of every sequence, uncut."""
     content = {"weights": str(weights), "classes": classes, **variant.track}
     content["output"] = {**content.get("output", {}), "protocol": protocol}
     settings = TrackSettings.model_validate({**content, "filter": variant.filter})
     tracker = Tracker(settings, torch.device("cpu"))
     done = tracker.track([material.frames[s] for s in material.sequences])
-    tables = {d.frames.sequence_id: tracks_table(d, tracker.class_names) for d in done}
-    return kitti_tracks(tables, material.cameras, classes)
+    return {d.frames.sequence_id: tracks_table(d, tracker.class_names) for d in done}
 
 
-def _with_best_cut(material: _Material, tracks: KittiTracks, fold: Sequence[str]) -> KittiTracks:
-    """The held-out tracks, cut for each class where the training sequences score best."""
-    chosen: KittiTracks = {}
-    for name, by_sequence in tracks.items():
-        training = {name: {s: t for s, t in by_sequence.items() if s not in fold}}
-        truth = {name: {s: t for s, t in material.truth[name].items() if s not in fold}}
-        scores = np.concatenate([t.track_score for t in training[name].values()])
-        cuts = np.unique(np.quantile(scores, _CUT_QUANTILES)) if len(scores) else np.zeros(1)
-        hota = [
-            evaluate_kitti(truth, above_track_score(training, cut)).classes[name].combined.hota
-            for cut in cuts
-        ]
-        held_out = {name: {s: t for s, t in by_sequence.items() if s in fold}}
-        chosen |= above_track_score(held_out, float(cuts[int(np.argmax(hota))]))
-    return chosen
+def _with_best_cuts(
+    material: _Material, tables: Mapping[str, pa.Table], fold: Sequence[str], name: str
+) -> KittiTracks:
+    """The held-out tracks of a class, cut where the training sequences score best.
+
+    Two cuts, one after the other: on the mean score of the track, on its mean score nearby.
+    """
+    training = {s: t for s, t in tables.items() if s not in fold}
+    held_out = {s: t for s, t in tables.items() if s in fold}
+    truth = {name: {s: t for s, t in material.truth[name].items() if s not in fold}}
+    for column in ("track_score", "local_score"):
+        trials = {cut: _above(training, name, column, cut) for cut in _cuts(training, name, column)}
+        hota = {
+            cut: evaluate_kitti(truth, kitti_tracks(trial, material.cameras, [name]))
+            .classes[name]
+            .combined.hota
+            for cut, trial in trials.items()
+        }
+        best = max(hota, key=lambda cut: hota[cut])
+        training, held_out = trials[best], _above(held_out, name, column, best)
+    return kitti_tracks(held_out, material.cameras, [name])
+
+
+def _cuts(tables: Mapping[str, pa.Table], name: str, column: str) -> list[float]:
+    """Cuts to try, the lowest of them dropping nothing."""
+    scores = np.concatenate(
+        [t.filter(pc.equal(t["class_name"], name))[column].to_numpy() for t in tables.values()]
+    )
+    if not len(scores):
+        return [0.0]
+    quantiles = np.quantile(scores, _CUT_QUANTILES, method="lower")
+    return sorted({float(cut) for cut in quantiles})
+
+
+def _above(
+    tables: Mapping[str, pa.Table], name: str, column: str, cut: float
+) -> dict[str, pa.Table]:
+    return {
+        s: t.filter(pc.and_(pc.equal(t["class_name"], name), pc.greater_equal(t[column], cut)))
+        for s, t in tables.items()
+    }
 
 
 def _add(target: KittiTracks, tracks: KittiTracks) -> None:

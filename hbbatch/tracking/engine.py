@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights import load_filter
+from hbbatch.tracking.bank import TensorBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.refine import refine
+from hbbatch.tracking.schedule import MAX_LANES, schedule
 from hbbatch.tracking.tracks import TrackedSequence
 
 
@@ -35,8 +38,9 @@ class Tracker:
     @torch.inference_mode()
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
-        lock_step = LockStep(group, self._motion, self._kinds, self.settings, self._device)
+        plan = schedule(group, MAX_LANES)
+        bank = TensorBank(self._motion, plan, self._device)
+        lock_step = LockStep(plan, bank, self._kinds, self.settings)
         for number, tracks, seconds in lock_step.run():
             frames = group[number]
-            said, score = refine(tracks, frames, self.settings.output)
-            yield TrackedSequence(frames, said, score, seconds)
+            yield replace(refine(tracks, frames, self.settings.output), seconds=seconds)

@@ -2,81 +2,52 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
 from hbbatch.config import OutputSettings
+from hbbatch.tracking.evidence import (
+    TrackEvidence,
+    evidence_of_track,
+    evidence_so_far,
+    local_score,
+    local_score_so_far,
+)
 from hbbatch.tracking.frames import IntArray, SequenceFrames
-from hbbatch.tracking.tracks import SequenceTracks, TrackState
+from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
 
 
-class TrackEvidence(NamedTuple):
-    """What speaks for each row's track, each `(n,)`.
-
-    Attributes:
-        score: mean score of its detections.
-        detections: their number.
-    """
-
-    score: FloatArray
-    detections: FloatArray
-
-
 def refine(
     tracks: SequenceTracks, frames: SequenceFrames, output: OutputSettings
-) -> tuple[SequenceTracks, FloatArray]:
-    """The boxes to write, by the chosen protocol, and each one's track score `(n,)`.
+) -> TrackedSequence:
+    """The boxes to write, by the chosen protocol, and what speaks for them.
 
     Online, a box is judged by what was known of its track in its own frame.
     """
     if output.protocol == "online":
         evidence = evidence_so_far(tracks)
-        kept = np.flatnonzero(_convincing(evidence, output))
-        return tracks.take(kept), evidence.score[kept]
+        local = local_score_so_far(tracks, frames.timestamp_ns)
+        kept = _convincing(evidence, output) & (local >= _least(output.min_local_score))
+        return TrackedSequence(frames, tracks.take(kept), evidence.score[kept], local[kept])
     chosen = tracks.take(_convincing(evidence_of_track(tracks), output))
     filled = fill_gaps(settle_sizes(chosen), frames)
-    return filled, evidence_of_track(filled).score
+    score = evidence_of_track(filled).score
+    local = local_score(filled, frames.timestamp_ns)
+    kept = local >= _least(output.min_local_score)
+    return TrackedSequence(frames, filled.take(kept), score[kept], local[kept])
 
 
 def _convincing(evidence: TrackEvidence, output: OutputSettings) -> NDArray[np.bool_]:
-    least = NO_SCORE if output.min_track_score is None else output.min_track_score
-    return (evidence.score >= least) & (evidence.detections >= output.min_detections)
+    enough = evidence.detections >= output.min_detections
+    convincing: NDArray[np.bool_] = enough & (evidence.score >= _least(output.min_track_score))
+    return convincing
 
 
-def evidence_of_track(tracks: SequenceTracks) -> TrackEvidence:
-    """Evidence from the whole track."""
-    _, index = np.unique(tracks.track_id, return_inverse=True)
-    seen = tracks.detection_row >= 0
-    size = index.max(initial=-1) + 1
-    total = np.bincount(index[seen], tracks.score[seen], minlength=size)
-    count = np.bincount(index[seen], minlength=size).astype(float)
-    return TrackEvidence((total / np.maximum(count, 1))[index], count[index])
-
-
-def evidence_so_far(tracks: SequenceTracks) -> TrackEvidence:
-    """Evidence from the track's frames up to each row's own."""
-    order = np.lexsort((tracks.frame_index, tracks.track_id))
-    seen = (tracks.detection_row >= 0)[order]
-    total = _running_sum(np.where(seen, tracks.score[order], 0.0), tracks.track_id[order])
-    count = _running_sum(seen.astype(float), tracks.track_id[order])
-    back = np.argsort(order)
-    return TrackEvidence((total / np.maximum(count, 1))[back], count[back])
-
-
-def _running_sum(values: FloatArray, group: IntArray) -> FloatArray:
-    """Sums so far within runs of equal group."""
-    if not len(values):
-        return values
-    total = np.cumsum(values)
-    first = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
-    before = np.repeat(total[first] - values[first], np.diff(first, append=len(values)))
-    running: FloatArray = total - before
-    return running
+def _least(score: float | None) -> float:
+    return NO_SCORE if score is None else score
 
 
 def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:

@@ -94,12 +94,14 @@ class TrackedSequence:
         frames: what was given.
         tracks: the boxes to write.
         track_score: `(n,)` mean detection score of each box's track (online: so far).
+        local_score: `(n,)` the same over the frames nearby.
         seconds: time spent on it in each stage.
     """
 
     frames: SequenceFrames
     tracks: SequenceTracks
     track_score: FloatArray
+    local_score: FloatArray
     seconds: StageSeconds = field(default_factory=StageSeconds)
 
 
@@ -121,6 +123,7 @@ def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
         "state": pa.array(np.array(STATE_NAMES, dtype=object)[tracks.state], pa.string()),
         "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
         "track_score": pa.array(done.track_score),
+        "local_score": pa.array(done.local_score),
         **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"velocity_{a}": pa.array(tracks.velocity_m_s[:, i]) for i, a in enumerate("xyz")},

@@ -122,7 +122,7 @@ class EchoTracker:
                 time.sleep(60)
         for frames in group:
             if frames.sequence_id != "forgotten":
-                yield TrackedSequence(frames, _echo(frames), frames.scores)
+                yield TrackedSequence(frames, _echo(frames), frames.scores, frames.scores)
 
 
 def _echo(frames: SequenceFrames) -> SequenceTracks:

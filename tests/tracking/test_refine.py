@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hbbatch.config import OutputSettings
-from hbbatch.tracking.refine import evidence_so_far, fill_gaps, refine, settle_sizes
+from hbbatch.tracking.evidence import evidence_so_far, local_score, local_score_so_far
+from hbbatch.tracking.refine import fill_gaps, refine, settle_sizes
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 from tests.tracking.drives import sequence
 
@@ -62,11 +63,11 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
         [(0, 1, 0.9, box(0)), (1, 1, 0.1, box(0)), (0, 2, 0.3, box(5)), (1, 3, 2.0, box(9))]
     )
     frames = sequence([[]] * 2)
-    kept, _ = refine(given, frames, OutputSettings(min_detections=2))
+    kept = refine(given, frames, OutputSettings(min_detections=2)).tracks
     assert set(kept.track_id) == {1}
-    kept, score = refine(given, frames, OutputSettings(min_track_score=0.5))
-    assert set(kept.track_id) == {1, 3}
-    assert score.tolist() == [0.5, 0.5, 2.0]
+    done = refine(given, frames, OutputSettings(min_track_score=0.5))
+    assert set(done.tracks.track_id) == {1, 3}
+    assert done.track_score.tolist() == [0.5, 0.5, 2.0]
 
 
 def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
@@ -74,21 +75,40 @@ def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
     assert evidence_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
     assert evidence_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
     chosen = OutputSettings(protocol="online", min_track_score=1.0)
-    said, _ = refine(tracks(rows), sequence([[]] * 3), chosen)
+    said = refine(tracks(rows), sequence([[]] * 3), chosen).tracks
     assert list(zip(said.track_id, said.frame_index, strict=True)) == [(2, 0), (1, 2)]
 
 
 def test_online_boxes_are_left_as_they_were_said() -> None:
     given = tracks([(0, 1, 1.0, box(0)), (2, 1, 1.0, box(2, length=5.0))])
-    said, _ = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"))
+    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online")).tracks
     assert said.boxes == pytest.approx(given.boxes)
 
 
 @pytest.mark.parametrize("protocol", ["online", "gap_filled"])
 def test_nothing_stays_nothing(protocol: str) -> None:
-    empty, _ = refine(
+    done = refine(
         SequenceTracks.empty(),
         sequence([[]]),
         OutputSettings.model_validate({"protocol": protocol}),
     )
-    assert len(empty.track_id) == 0
+    assert len(done.tracks.track_id) == 0
+
+
+def test_boxes_are_dropped_where_the_track_scores_low_nearby() -> None:
+    rows = [(f, 1, 5.0 if f < 20 else -1.0, box(f)) for f in range(40)]
+    chosen = OutputSettings(min_track_score=0.0, min_local_score=2.0)
+    kept = refine(tracks(rows), sequence([[]] * 40), chosen).tracks
+    assert kept.frame_index.tolist() == list(range(20))
+
+
+def test_local_scores_weigh_by_nearness_in_time() -> None:
+    scores = [1.0, 4.0, 2.0, 8.0]
+    given = tracks([(f, 1, s, box(f)) for f, s in enumerate(scores)] + [(1, 2, 9.0, box(50))])
+    stamps = np.array([0, 1, 2, 30]) * 100_000_000
+    near = np.exp(-0.5 * (np.array([0.0, 0.1, 0.2]) / 0.3) ** 2)
+    at_1 = (near[1] * 1 + 4 + near[1] * 2) / (1 + 2 * near[1])
+    at_2 = (near[2] * 1 + near[1] * 4 + 2) / near.sum()
+    assert local_score(given, stamps)[1:] == pytest.approx([at_1, at_2, 8.0, 9.0])
+    so_far = (near[1] * 1 + 4) / (1 + near[1])
+    assert local_score_so_far(given, stamps) == pytest.approx([1.0, so_far, at_2, 8.0, 9.0])
