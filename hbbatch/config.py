@@ -115,13 +115,13 @@ class TrainSettings(Settings):
     measurements: Literal["detections", "labels"] = Field(
         "detections", description="what the filter is fed: detections matched to labels, or labels"
     )
-    motion_model: Literal["cv", "ca", "ct"] = Field("ct", description="of the classical base")
-    frames: int = Field(40, ge=3, description="length of a tracklet (paper: 20)")
+    motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
+    frames: int = Field(20, ge=3, description="length of a tracklet")
     min_frames: int = Field(8, ge=2, description="shortest stretch of an object that is used")
-    batch: int = Field(128, ge=1)
-    iterations: int = Field(1500, ge=1)
+    batch: int = Field(192, ge=1, description="tracklets an iteration (paper: 128)")
+    iterations: int = Field(800, ge=1, description="paper: 1,500")
     learning_rate: float = Field(2e-3, gt=0, description="peak of one cycle (paper: constant 1e-3)")
-    weight_decay: float = Field(1e-5, ge=0)
+    weight_decay: float = Field(1e-4, ge=0, description="paper: 1e-5")
     state_weight: float = Field(1.0, ge=0, description="λ1")
     temporal_weight: float = Field(
         0.0, ge=0, description="λ2 (paper: 1; it rewards standing still)"

@@ -40,7 +40,7 @@ from hbbatch.tracking.tracks import tracks_table
 ProtocolName = Literal["gap_filled", "online"]
 Progress = Callable[[str], None]
 
-_CUT_QUANTILES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
+_CUT_QUANTILES = (0.0, 0.06, 0.12, 0.18, 0.25, 0.33)
 """Score cuts that are tried, as shares of the boxes they drop: scores have no common scale."""
 
 
