@@ -26,6 +26,11 @@ class Pairs(NamedTuple):
     track: IntArray
     detection: IntArray
 
+    @classmethod
+    def none(cls) -> Pairs:
+        """No pair."""
+        return cls(np.empty(0, np.int64), np.empty(0, np.int64))
+
     def take(self, rows: NDArray[np.generic]) -> Pairs:
         """Pairs chosen by mask or index."""
         return Pairs(self.track[rows], self.detection[rows])

@@ -1,70 +1,84 @@
-"""The row table: a row per live track of any sequence of the group."""
+"""The row table: identities and counters of the live tracks of all sequences of a group."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from hbbatch.tracking.frames import IntArray
 
+_COLUMNS = 7
+
 
 class RowTable:
-    """Struct of arrays: counters and identities on the host, boxes and filter state on the device.
+    """One integer matrix, a column a track, so that rearranging the tracks is one copy.
 
-    Attributes:
-        sequence: `(n,)` number of the sequence in the group.
-        track_id: `(n,)` identity within the sequence.
-        class_code: `(n,)`.
-        hits: `(n,)` matched detections, the first included.
-        age: `(n,)` steps since birth.
-        misses: `(n,)` consecutive steps without a detection.
-        boxes: `(n, 7)` float64 posterior on the device.
-        state: `(n, width)` float32 filter rows on the device.
+    Boxes and filter state of the same rows lie in a `FilterBank`.
     """
 
-    def __init__(self, width: int, device: torch.device) -> None:
+    def __init__(self) -> None:
         """An empty table."""
-        self.sequence: IntArray = np.empty(0, np.int64)
-        self.track_id: IntArray = np.empty(0, np.int64)
-        self.class_code: IntArray = np.empty(0, np.int64)
-        self.hits: IntArray = np.empty(0, np.int64)
-        self.age: IntArray = np.empty(0, np.int64)
-        self.misses: IntArray = np.empty(0, np.int64)
-        self.boxes = torch.empty((0, 7), dtype=torch.float64, device=device)
-        self.state = torch.empty((0, width), dtype=torch.float32, device=device)
+        self._cells: IntArray = np.empty((_COLUMNS, 0), np.int64)
 
     def __len__(self) -> int:
         return len(self.sequence)
 
-    def keep(self, rows: IntArray) -> None:
-        """Drop all rows but these (ascending)."""
-        if len(rows) == len(self):
-            return
-        self.sequence = self.sequence[rows]
-        self.track_id = self.track_id[rows]
-        self.class_code = self.class_code[rows]
-        self.hits = self.hits[rows]
-        self.age = self.age[rows]
-        self.misses = self.misses[rows]
-        index = torch.from_numpy(rows).to(self.boxes.device)
-        self.boxes = self.boxes.index_select(0, index)
-        self.state = self.state.index_select(0, index)
+    @property
+    def sequence(self) -> IntArray:
+        """`(n,)` number of the sequence in the group."""
+        return self._column(0)
+
+    @property
+    def track_id(self) -> IntArray:
+        """`(n,)` identity within the sequence."""
+        return self._column(1)
+
+    @property
+    def class_code(self) -> IntArray:
+        """`(n,)` class of the first detection."""
+        return self._column(2)
+
+    @property
+    def block(self) -> IntArray:
+        """`(n,)` tracks match detections of their own block only: same sequence, same kind."""
+        return self._column(3)
+
+    @property
+    def hits(self) -> IntArray:
+        """`(n,)` matched detections, the first included."""
+        return self._column(4)
+
+    @property
+    def age(self) -> IntArray:
+        """`(n,)` steps since birth."""
+        return self._column(5)
+
+    @property
+    def misses(self) -> IntArray:
+        """`(n,)` consecutive steps without a detection."""
+        return self._column(6)
+
+    def _column(self, number: int) -> IntArray:
+        column: IntArray = self._cells[number]
+        return column
+
+    def identities(self, rows: IntArray | slice) -> IntArray:
+        """`(3, k)` sequence, track id and class code of some rows."""
+        cells: IntArray = self._cells[:3, rows]
+        return cells
+
+    def arrange(self, order: IntArray) -> None:
+        """Row `order[i]` becomes row i; rows not named are dropped."""
+        self._cells = self._cells[:, order]
+
+    def truncate(self, count: int) -> None:
+        """Drop all rows but the first."""
+        self._cells = self._cells[:, :count]
 
     def append(
-        self,
-        sequence: IntArray,
-        track_id: IntArray,
-        class_code: IntArray,
-        boxes: Tensor,
-        state: Tensor,
+        self, sequence: IntArray, track_id: IntArray, class_code: IntArray, block: IntArray
     ) -> None:
         """Add newborn tracks."""
-        self.sequence = np.concatenate([self.sequence, sequence])
-        self.track_id = np.concatenate([self.track_id, track_id])
-        self.class_code = np.concatenate([self.class_code, class_code])
-        self.hits = np.concatenate([self.hits, np.ones_like(sequence)])
-        self.age = np.concatenate([self.age, np.zeros_like(sequence)])
-        self.misses = np.concatenate([self.misses, np.zeros_like(sequence)])
-        self.boxes = torch.cat([self.boxes, boxes])
-        self.state = torch.cat([self.state, state])
+        born = np.zeros((_COLUMNS, len(sequence)), np.int64)
+        born[:4] = sequence, track_id, class_code, block
+        born[4] = 1
+        self._cells = np.concatenate([self._cells, born], axis=1)

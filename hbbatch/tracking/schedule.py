@@ -16,6 +16,9 @@ import numpy as np
 from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 
+MAX_LANES = 64
+"""Sequences stepped at a time at most."""
+
 DEFAULT_DT_S = 0.1
 """Step assumed where a sequence's clock does not advance."""
 
