@@ -19,6 +19,7 @@ from hbbatch.cli.relabel import relabel
 from hbbatch.cli.study import study
 from hbbatch.cli.track import track
 from hbbatch.cli.train import train
+from hbbatch.cli.weights import app as weights_app
 from hbbatch.errors import ExitStatus, HbbatchError
 
 _TRACEBACK = "HBBATCH_TRACEBACK"
@@ -37,6 +38,7 @@ app.command()(relabel)
 app.command()(demo)
 app.command()(train)
 app.command()(study)
+app.add_typer(weights_app, name="weights")
 
 
 def _print_version(wanted: bool) -> None:
