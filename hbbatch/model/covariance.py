@@ -3,7 +3,9 @@
 An axis has `order` states: position, velocity (and acceleration). Its symmetric covariance is kept
 as blocks `P[i][j]`, i ≤ j, each a tensor `(n, axes)`; `blocks` and `join` go to and from the flat
 matrix that a filter's rows hold. White noise drives the highest derivative (Bar-Shalom, Li and
-Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration.
+Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration. The
+recursions serve tensors `(n, axes)` with times `(n, 1)` and numpy arrays `(axes, n)` with times
+`(n,)` alike.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ import math
 
 import torch
 from torch import Tensor
+
+from hbbatch.model.geometry import Array
 
 Blocks = dict[tuple[int, int], Tensor]
 
@@ -40,22 +44,31 @@ def initial(variances: list[Tensor]) -> Blocks:
     return {(i, j): variances[i] if i == j else zero for i, j in pairs(len(variances))}
 
 
-def propagate(covariance: Blocks, noise: Tensor, dt_s: Tensor) -> Blocks:
+def propagate(
+    covariance: dict[tuple[int, int], Array], noise: Array, dt_s: Array
+) -> dict[tuple[int, int], Array]:
     """Covariance after a time step, F P Fᵀ + Q.
 
     Args:
         covariance: blocks at the start of the step.
-        noise: `(n, axes)` spectral density of the highest derivative's noise.
-        dt_s: `(n, 1)` length of the step in seconds.
+        noise: spectral density of the highest derivative's noise, of the shape of a block.
+        dt_s: length of the step in seconds.
     """
     order = max(j for _, j in covariance) + 1
-    step = [dt_s**power / math.factorial(power) for power in range(order)]
-    predicted: Blocks = {}
+    powers = [dt_s]
+    while len(powers) < 2 * order - 1:
+        powers.append(powers[-1] * dt_s)
+    predicted = {}
     for i, j in pairs(order):
-        total = noise * (dt_s ** (2 * order - 1 - i - j) / _noise_divisor(order, i, j))
+        total = noise * (powers[2 * order - 2 - i - j] / _noise_divisor(order, i, j))
         for a in range(i, order):
             for b in range(j, order):
-                total = total + step[a - i] * step[b - j] * covariance[min(a, b), max(a, b)]
+                block = covariance[min(a, b), max(a, b)]
+                if (lag := a - i + b - j) == 0:
+                    total = total + block
+                else:
+                    divisor = math.factorial(a - i) * math.factorial(b - j)
+                    total = total + block * (powers[lag - 1] / divisor)
         predicted[i, j] = total
     return predicted
 
@@ -64,15 +77,17 @@ def _noise_divisor(order: int, i: int, j: int) -> int:
     return math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * (2 * order - 1 - i - j)
 
 
-def correct(covariance: Blocks, measurement_variance: Tensor) -> tuple[list[Tensor], Blocks]:
+def correct(
+    covariance: dict[tuple[int, int], Array], measurement_variance: Array
+) -> tuple[list[Array], dict[tuple[int, int], Array]]:
     """Kalman gain of each derivative for a measured position, and the posterior covariance.
 
     Args:
         covariance: prior blocks.
-        measurement_variance: `(n, axes)`.
+        measurement_variance: of the shape of a block.
 
     Returns:
-        Gains, one `(n, axes)` a derivative, and the posterior blocks.
+        Gains, one of that shape a derivative, and the posterior blocks.
     """
     order = max(j for _, j in covariance) + 1
     inverse = 1.0 / (covariance[0, 0] + measurement_variance)

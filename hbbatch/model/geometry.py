@@ -1,11 +1,16 @@
-"""Angles and turns on tensors."""
+"""Angles and turns."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, TypeVar
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+
+Array = TypeVar("Array", Tensor, NDArray[Any])
+"""Plain arithmetic serves the filters' tensors as well as their packed twins' arrays."""
 
 TWO_PI = 2.0 * math.pi
 
@@ -20,6 +25,6 @@ def wrap_half_turn(angle_rad: Tensor) -> Tensor:
     return torch.remainder(angle_rad + math.pi / 2, math.pi) - math.pi / 2
 
 
-def turn(x: Tensor, y: Tensor, cos: Tensor, sin: Tensor) -> tuple[Tensor, Tensor]:
+def turn(x: Array, y: Array, cos: Array, sin: Array) -> tuple[Array, Array]:
     """The vectors (x, y) turned counter-clockwise by an angle given as cosine and sine."""
     return cos * x - sin * y, sin * x + cos * y

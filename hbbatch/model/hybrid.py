@@ -31,8 +31,8 @@ _INNOVATION_UNIT = (0.3, 0.15, 0.1, 0.1, 0.2, 0.1, 0.1)
 _RATE_UNIT = (10.0, 2.0, 0.5, 0.3, 0.3, 0.3, 0.3)
 """Rough sizes of rates in the heading frame (m/s, rad/s): centre, sizes, yaw."""
 
-_FEATURE_LIMIT = 6.0
-_LONGEST_TIME_S = 2.0
+FEATURE_LIMIT = 6.0
+LONGEST_TIME_S = 2.0
 
 
 class HybridFilter(nn.Module):
@@ -130,7 +130,7 @@ class HybridFilter(nn.Module):
             _log_size(boxes),
             self.kind_rows[base[:, -1].long()],
         ]
-        return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
+        return torch.cat(features, dim=1).clamp(-FEATURE_LIMIT, FEATURE_LIMIT)
 
     def update(self, prior: Tensor, rows: Tensor, seen: Measurement) -> tuple[Tensor, Tensor]:
         """Posterior boxes and rows after a matched detection."""
@@ -177,7 +177,7 @@ class HybridFilter(nn.Module):
             _log_size(prior),
             self.kind_rows[base[:, -1].long()],
         ]
-        return torch.cat(features, dim=1).clamp(-_FEATURE_LIMIT, _FEATURE_LIMIT)
+        return torch.cat(features, dim=1).clamp(-FEATURE_LIMIT, FEATURE_LIMIT)
 
     def velocity(self, rows: Tensor) -> Tensor:
         """`(n, 3)` velocity in the world frame, m/s."""
@@ -190,5 +190,5 @@ def _log_size(boxes: Tensor) -> Tensor:
 
 def _counters(since_seen_s: Tensor, age_s: Tensor) -> Tensor:
     """Time since the last detection and age, compressed; what training never saw is cut off."""
-    both = torch.cat([since_seen_s, age_s], dim=1).clamp(max=_LONGEST_TIME_S)
+    both = torch.cat([since_seen_s, age_s], dim=1).clamp(max=LONGEST_TIME_S)
     return torch.log1p(10.0 * both) * 0.5

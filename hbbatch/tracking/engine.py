@@ -9,12 +9,14 @@ import numpy as np
 import torch
 
 from hbbatch.config import TrackSettings
+from hbbatch.model.packed_hybrid import packed
 from hbbatch.model.weights import load_filter
-from hbbatch.tracking.bank import TensorBank
+from hbbatch.tracking.bank import FilterBank, TensorBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
+from hbbatch.tracking.packed_bank import PackedBank
 from hbbatch.tracking.refine import refine
-from hbbatch.tracking.schedule import MAX_LANES, schedule
+from hbbatch.tracking.schedule import MAX_LANES, Schedule, schedule
 from hbbatch.tracking.tracks import TrackedSequence
 
 
@@ -39,8 +41,13 @@ class Tracker:
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
         plan = schedule(group, MAX_LANES)
-        bank = TensorBank(self._motion, plan, self._device)
-        lock_step = LockStep(plan, bank, self._kinds, self.settings)
+        lock_step = LockStep(plan, self._bank(plan), self._kinds, self.settings)
         for number, tracks, seconds in lock_step.run():
             frames = group[number]
             yield replace(refine(tracks, frames, self.settings.output), seconds=seconds)
+
+    def _bank(self, plan: Schedule) -> FilterBank:
+        """On a CPU the packed filter; the torch modules on any other device."""
+        if self._device.type == "cpu":
+            return PackedBank(packed(self._motion), plan, self._kinds[plan.class_codes])
+        return TensorBank(self._motion, plan, self._device)

@@ -1,0 +1,72 @@
+"""Filter rows on the CPU: numpy arrays stepped by a packed filter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbatch.boxes import FloatArray
+from hbbatch.model.packed import PackedFilter, Single
+from hbbatch.tracking.bank import Said
+from hbbatch.tracking.frames import IntArray
+from hbbatch.tracking.schedule import Schedule
+
+
+class PackedBank:
+    """A `FilterBank` with a column a track; what each detection implies is worked out at once."""
+
+    def __init__(self, motion: PackedFilter, plan: Schedule, kinds: IntArray) -> None:
+        """Start without rows.
+
+        Args:
+            motion: the filter.
+            plan: the group's detections.
+            kinds: `(n,)` kind code of each detection.
+        """
+        self._motion = motion
+        self._measured = np.ascontiguousarray(plan.boxes.T)
+        self._seen = motion.detections(plan.sight_m, kinds)
+        self._boxes: FloatArray = np.empty((7, 0))
+        self._state: Single = np.empty((motion.height, 0), np.float32)
+        self._said: list[tuple[FloatArray, Single]] = []
+
+    def predict(self, dt_s: NDArray[np.float32], damping: FloatArray | None) -> FloatArray:
+        """See `FilterBank.predict`."""
+        prior = self._motion.predict(self._boxes, self._state, dt_s)
+        if damping is not None:
+            prior[:3] = self._boxes[:3] + damping * (prior[:3] - self._boxes[:3])
+        self._boxes = prior
+        return prior.T
+
+    def arrange(self, order: IntArray) -> None:
+        """See `FilterBank.arrange`."""
+        self._boxes = self._boxes[:, order]
+        self._state = self._state[:, order]
+
+    def update(self, detections: IntArray) -> None:
+        """See `FilterBank.update`."""
+        first = slice(len(detections))
+        measured, seen = self._measured[:, detections], self._seen[:, detections]
+        self._motion.update(self._boxes[:, first], self._state[:, first], measured, seen)
+
+    def truncate(self, count: int) -> None:
+        """See `FilterBank.truncate`."""
+        self._boxes = self._boxes[:, :count]
+        self._state = self._state[:, :count]
+
+    def append(self, detections: IntArray, kinds: IntArray) -> None:
+        """See `FilterBank.append`."""
+        born = self._motion.birth(self._seen[:, detections], kinds)
+        self._boxes = np.concatenate([self._boxes, self._measured[:, detections]], axis=1)
+        self._state = np.concatenate([self._state, born], axis=1)
+
+    def say(self, rows: IntArray | slice) -> None:
+        """See `FilterBank.say`."""
+        velocity = self._motion.velocity(self._state)
+        self._said.append((self._boxes[:, rows].copy(), velocity[:, rows].copy()))
+
+    def said(self) -> Said:
+        """See `FilterBank.said`."""
+        boxes, velocity = (np.concatenate(part, axis=1) for part in zip(*self._said, strict=True))
+        self._said.clear()
+        return boxes, velocity

@@ -1,0 +1,80 @@
+"""The packed filters against the torch modules they are made from.
+
+Both compute in float32 but round in another order; 2e-4 of a metre, metre per second or unit of
+memory is what remains after a few steps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from hbbatch.model.filters import Measurement
+from hbbatch.model.hybrid import HybridFilter
+from hbbatch.model.kalman import KalmanFilter, MotionModel
+from hbbatch.model.packed_hybrid import packed
+
+KINDS = ("vehicle", "pedestrian", "cyclist")
+TOLERANCE = 2e-4
+TRACKS = 40
+
+
+def shaken(motion: nn.Module) -> nn.Module:
+    """Parameters moved at random, so that no part of the network is silent."""
+    torch.manual_seed(3)
+    with torch.no_grad():
+        for parameter in motion.parameters():
+            parameter.add_(0.15 * torch.randn_like(parameter))
+    return motion.eval()
+
+
+def detections(rng: np.random.Generator, near: np.ndarray | None = None) -> Measurement:
+    boxes = rng.normal(0, 0.4, (TRACKS, 7))
+    if near is None:
+        boxes[:, :2] = rng.uniform(-1e5, 1e5, (TRACKS, 2))
+        boxes[:, 3:6] = rng.uniform([0.5, 0.5, 1], [6, 2.5, 2], (TRACKS, 3))
+        boxes[:, 6] = rng.uniform(-np.pi, np.pi, TRACKS)
+    else:
+        boxes += near
+        boxes[:, 3:6] = np.maximum(boxes[:, 3:6], 0.1)
+        boxes[:, 6] += np.pi * rng.integers(0, 2, TRACKS)
+    sight = rng.uniform(-40, 40, (TRACKS, 3))
+    return Measurement(
+        torch.from_numpy(boxes), torch.from_numpy(sight).float(), torch.zeros(TRACKS)
+    )
+
+
+@pytest.mark.parametrize("model", ["cv", "ca", "ct"])
+@pytest.mark.parametrize("make", [KalmanFilter, HybridFilter])
+@torch.inference_mode()
+def test_a_packed_filter_steps_like_its_module(make: type[nn.Module], model: MotionModel) -> None:
+    rng = np.random.default_rng(0)
+    motion = shaken(make(KINDS, model))
+    twin = packed(motion)  # type: ignore[arg-type]
+    kinds = rng.integers(0, 3, TRACKS)
+    seen = detections(rng)
+    boxes, rows = seen.boxes, motion.birth(seen, torch.from_numpy(kinds))
+    packed_boxes = boxes.numpy().T.copy()
+    state = twin.birth(twin.detections(seen.sight_m.numpy(), kinds), kinds)
+    for step in range(6):
+        dt = rng.uniform(0.05, 0.3, TRACKS).astype(np.float32)
+        boxes, rows = motion.predict(boxes, rows, torch.from_numpy(dt))
+        packed_boxes = twin.predict(packed_boxes, state, dt)
+        assert_same(boxes, packed_boxes)
+        if step == 3:  # a step without detections
+            continue
+        seen = detections(rng, boxes.numpy())
+        boxes, rows = motion.update(boxes, rows, seen)
+        features = twin.detections(seen.sight_m.numpy(), kinds)
+        twin.update(packed_boxes, state, seen.boxes.numpy().T, features)
+        assert_same(boxes, packed_boxes)
+        velocity = motion.velocity(rows).numpy().T
+        assert twin.velocity(state) == pytest.approx(velocity, abs=TOLERANCE, rel=TOLERANCE)
+
+
+def assert_same(boxes: torch.Tensor, packed_boxes: np.ndarray) -> None:
+    difference = boxes.numpy() - packed_boxes.T
+    difference[:, 6] = np.sin(difference[:, 6] / 2)
+    assert np.abs(difference).max() < TOLERANCE
