@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption
+from hbbatch.cli.ingest_options import (
+    ClassesOption,
+    DetectionsOption,
+    DistroOption,
+    MappingOption,
+    MaxGapOption,
+    MessagePathOption,
+    PoseTopicOption,
+    TopicOption,
+    WorldFrameOption,
+    source_options,
+)
+from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption, JsonOption
 
 if TYPE_CHECKING:
     from hbbatch.runner.ingest import IngestReport, SequenceOutcome
@@ -16,32 +28,44 @@ if TYPE_CHECKING:
 def ingest(
     source: Annotated[list[Path], typer.Argument(help="Logs, or folders of them.")],
     dataset: DatasetOption = DEFAULT_DATASET,
-    detections: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of detection files, for KITTI. Default: det_02 or detections in SOURCE."
-        ),
-    ] = None,
-    topic: Annotated[
-        list[str] | None, typer.Option(help="Detection topic of a log; may be repeated.")
-    ] = None,
+    detections: DetectionsOption = None,
+    topic: TopicOption = None,
+    world_frame: WorldFrameOption = None,
+    pose_topic: PoseTopicOption = None,
+    max_gap_s: MaxGapOption = None,
+    mapping: MappingOption = None,
+    msg_path: MessagePathOption = None,
+    ros_distro: DistroOption = None,
+    classes: ClassesOption = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that read.")] = 1,
     force: Annotated[
         bool, typer.Option("--force", help="Ingest again what has not changed.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Read detections and ego poses from logs into the dataset; the format is found."""
     from rich.console import Console
 
     from hbbatch.runner.ingest import ingest as run_ingest
 
+    options = source_options(
+        detections,
+        topic,
+        world_frame,
+        pose_topic,
+        max_gap_s,
+        mapping,
+        msg_path,
+        ros_distro,
+        classes,
+    )
     with Console(stderr=True).status("ingesting") as status:
         report = run_ingest(
             source,
             dataset,
-            detections=detections,
-            topics=topic or (),
+            options=options,
             force=force,
+            workers=workers,
             on_outcome=lambda outcome: status.update(f"ingested {outcome.sequence_id}"),
         )
     if as_json:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from hbbatch import schema
@@ -19,16 +20,13 @@ from hbbatch.errors import SourceError
 from hbbatch.sources.base import (
     POSE_ORIGINS,
     CameraCalibration,
-    Frame,
+    FrameBatch,
     Labels,
-    SequenceHandle,
     SequenceReading,
     source_errors,
 )
-from hbbatch.sources.classes import is_known_class
+from hbbatch.sources.classes import Taxonomy
 from hbbatch.sources.tables import detections_table, labels_table, poses_table
-
-_BATCH_ROWS: Final = 50_000
 
 
 @dataclass
@@ -42,15 +40,18 @@ class Tally:
     origins: set[str] = field(default_factory=set)
     unknown_classes: Counter[str] = field(default_factory=Counter)
 
-    def add(self, frames: Sequence[Frame]) -> None:
+    def add(self, batch: FrameBatch, taxonomy: Taxonomy) -> None:
         """Count a batch."""
-        self.first_ns = self.first_ns if self.frames else frames[0].timestamp_ns
-        self.last_ns = frames[-1].timestamp_ns
-        self.frames += len(frames)
-        self.detections += sum(len(frame.boxes) for frame in frames)
-        self.origins.update(frame.pose.origin for frame in frames)
-        names = Counter(name for frame in frames for name in frame.class_names)
-        self.unknown_classes.update({n: c for n, c in names.items() if not is_known_class(n)})
+        stamps_ns, origins, names = batch.timestamp_ns, batch.poses.origins, batch.class_names
+        self.first_ns = self.first_ns if self.frames else int(stamps_ns[0])
+        self.last_ns = int(stamps_ns[-1])
+        self.frames += len(stamps_ns)
+        self.detections += len(batch.boxes)
+        self.origins.update(origins.vocabulary[code] for code in np.unique(origins.codes))
+        counts = np.bincount(names.codes, minlength=len(names.vocabulary)).tolist()
+        for name, count in zip(names.vocabulary, counts, strict=True):
+            if count and not taxonomy.knows(name):
+                self.unknown_classes[name] += count
 
     @property
     def weakest_origin(self) -> str:
@@ -81,7 +82,9 @@ class ContentHash:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def write_sequence(dataset: Dataset, source: Path, handle: SequenceHandle) -> dict[str, Any]:
+def write_sequence(
+    dataset: Dataset, source: Path, reading: SequenceReading, taxonomy: Taxonomy
+) -> dict[str, Any]:
     """Write the tables of a sequence; former ones are replaced only when all has been read.
 
     Returns:
@@ -92,7 +95,7 @@ def write_sequence(dataset: Dataset, source: Path, handle: SequenceHandle) -> di
         OSError: the source cannot be read.
         DatasetError: the dataset cannot be written.
     """
-    sequence_id, reading = handle.sequence_id, handle.read()
+    sequence_id = reading.sequence_id
     tally, content = Tally(), ContentHash()
     with ExitStack() as stack:
         detections_path, poses_path = (
@@ -100,19 +103,20 @@ def write_sequence(dataset: Dataset, source: Path, handle: SequenceHandle) -> di
         )
         write_detections = stack.enter_context(table_writer(detections_path, schema.DETECTIONS))
         write_poses = stack.enter_context(table_writer(poses_path, schema.POSES))
-        for batch in _batches(_guarded(reading.frames, source)):
-            detections = detections_table(batch, tally.frames, tally.detections)
+        for batch in _guarded(reading.batches, source):
+            detections = detections_table(batch, tally.frames, tally.detections, taxonomy)
             poses = poses_table(batch, tally.frames)
             write_detections(detections)
             write_poses(poses)
             content.add("detections", detections.drop_columns(["source_row", "class_name_logged"]))
             content.add("poses", poses.drop_columns(["log_time_ns"]))
-            tally.add(batch)
+            tally.add(batch, taxonomy)
         if not tally.frames:
             raise SourceError(f"sequence {sequence_id}: no frame could be read. Check the source.")
-    _write_optional(dataset, sequence_id, reading)
+    _write_optional(dataset, reading, taxonomy)
     _note_unknown_classes(reading, tally)
     return {
+        "sequence_id": sequence_id,
         "content_hash": content.digest(reading.calibration),
         "frames": tally.frames,
         "detections": tally.detections,
@@ -124,33 +128,20 @@ def write_sequence(dataset: Dataset, source: Path, handle: SequenceHandle) -> di
     }
 
 
-def _guarded(frames: Iterator[Frame], source: Path) -> Iterator[Frame]:
-    """Frames; an error of the file system while they are read is the source's, not the output's."""
+def _guarded(batches: Iterator[FrameBatch], source: Path) -> Iterator[FrameBatch]:
+    """Batches; an error of the file system while they are read is the source's, not the output's."""
     with source_errors(source):
-        yield from frames
+        yield from batches
 
 
-def _batches(frames: Iterator[Frame]) -> Iterator[list[Frame]]:
-    """Frames in lists of about as many rows as a good Parquet row group has."""
-    batch: list[Frame] = []
-    rows = 0
-    for frame in frames:
-        batch.append(frame)
-        rows += 1 + len(frame.boxes)
-        if rows >= _BATCH_ROWS:
-            yield batch
-            batch, rows = [], 0
-    if batch:
-        yield batch
-
-
-def _write_optional(dataset: Dataset, sequence_id: str, reading: SequenceReading) -> None:
+def _write_optional(dataset: Dataset, reading: SequenceReading, taxonomy: Taxonomy) -> None:
     """Write labels and calibration; remove those of a former source that had them."""
+    sequence_id = reading.sequence_id
     labels_path = dataset.path("labels", sequence_id)
     if reading.labels is None:
         labels_path.unlink(missing_ok=True)
     else:
-        write_table(labels_path, labels_table(reading.labels), schema.LABELS)
+        write_table(labels_path, labels_table(reading.labels, taxonomy), schema.LABELS)
     calibration_path = dataset.calibration_path(sequence_id)
     if reading.calibration is None:
         calibration_path.unlink(missing_ok=True)

@@ -24,6 +24,7 @@ from hbbatch.runner.track import (
     TrackRequest,
     track,
 )
+from hbbatch.sources.base import SourceOptions
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ def relabel(
         UsageError: the device is not there.
     """
     ingested = tuple(
-        ingest([s.path], job.dataset, detections=s.detections, topics=s.topics) for s in job.sources
+        ingest([s.path], job.dataset, options=SourceOptions(s.detections, s.topics))
+        for s in job.sources
     )
     outcomes = [outcome for report in ingested for outcome in report.outcomes]
     ids = sorted({outcome.sequence_id for outcome in outcomes if outcome.error is None})

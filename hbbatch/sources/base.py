@@ -34,39 +34,91 @@ class SourceOptions:
     Attributes:
         detections: folder of detection files, for formats that keep them apart from the log.
         topics: detection topics to read, for logs; empty: the only one there is.
+        world_frame: the world to give poses in, for logs; None: found by `transforms.WORLD_FRAMES`.
+        pose_topic: the topic to take poses from, for logs; None: found by `log_poses`.
+        max_gap_s: a longer time without a frame starts a new sequence; None: what a tracker with
+            default settings bridges (`gaps.threshold_ns`).
+        mappings: files that say how to read message types of one's own (`mapping`).
+        message_paths: folders of .msg files, for logs without definitions.
+        ros_distro: release whose definitions count for logs without definitions.
+        classes: file that extends the table of class names (`classes`).
     """
 
     detections: Path | None = None
     topics: tuple[str, ...] = ()
+    world_frame: str | None = None
+    pose_topic: str | None = None
+    max_gap_s: float | None = None
+    mappings: tuple[Path, ...] = ()
+    message_paths: tuple[Path, ...] = ()
+    ros_distro: str | None = None
+    classes: Path | None = None
 
 
 @dataclass(frozen=True)
-class Pose:
-    """world_from_sensor of one frame.
+class Names:
+    """n names, each spelled once.
 
     Attributes:
-        translation_m: `(3,)`.
-        rotation: `(4,)` unit quaternion x, y, z, w.
-        origin: one of `POSE_ORIGINS`.
+        codes: `(n,)` index into the vocabulary.
+        vocabulary: the spellings.
+    """
+
+    codes: IntArray
+    vocabulary: tuple[str, ...]
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> Names:
+        """From a plain list."""
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+        codes = np.array([numbers[name] for name in names], dtype=np.int64)
+        return cls(codes, tuple(numbers))
+
+    def __getitem__(self, rows: IntArray | slice) -> Names:
+        return Names(self.codes[rows], self.vocabulary)
+
+    def to_list(self) -> list[str]:
+        """As a plain list."""
+        return [self.vocabulary[code] for code in self.codes.tolist()]
+
+
+@dataclass(frozen=True)
+class Poses:
+    """world_from_sensor of m frames.
+
+    Attributes:
+        translation_m: `(m, 3)`.
+        rotation: `(m, 4)` unit quaternions x, y, z, w.
+        origins: m of `POSE_ORIGINS`.
     """
 
     translation_m: FloatArray
     rotation: FloatArray
-    origin: str
+    origins: Names
 
+    @classmethod
+    def identity(cls, count: int) -> Poses:
+        """Where nothing is known."""
+        rotation = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+        return cls(np.zeros((count, 3)), rotation, Names.of([IDENTITY] * count))
 
-IDENTITY_POSE: Final = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), IDENTITY)
+    def __len__(self) -> int:
+        return len(self.translation_m)
+
+    def __getitem__(self, rows: IntArray | slice) -> Poses:
+        return Poses(self.translation_m[rows], self.rotation[rows], self.origins[rows])
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One frame of a sequence: what was detected, and where the sensor was.
+class FrameBatch:
+    """Consecutive frames of a sequence: what was detected, and where the sensor was.
 
     Attributes:
-        timestamp_ns: header stamp, since the Unix epoch.
-        log_time_ns: when the recorder received it, None when the source does not say.
-        frame_id: name of the sensor frame that the boxes are in.
-        pose: of that sensor in the world, at the stamp.
+        timestamp_ns: `(m,)` header stamps, since the Unix epoch.
+        log_time_ns: `(m,)` when the recorder received them, None when the source does not say.
+        frame_ids: names of the sensor frames that the boxes are in, m of them.
+        poses: of those sensors in the world, at the stamps.
+        box_counts: `(m,)` boxes of each frame; the boxes of all frames follow one another.
         boxes: `(n, 7)` in the sensor frame, convention of `hbbatch.boxes`.
         scores: `(n,)` as logged.
         class_names: n names as the source wrote them.
@@ -74,13 +126,14 @@ class Frame:
         source_rows: `(n,)` line or message number it was read from, from 0.
     """
 
-    timestamp_ns: int
-    log_time_ns: int | None
-    frame_id: str
-    pose: Pose
+    timestamp_ns: IntArray
+    log_time_ns: IntArray | None
+    frame_ids: Names
+    poses: Poses
+    box_counts: IntArray
     boxes: FloatArray
     scores: FloatArray
-    class_names: Sequence[str]
+    class_names: Names
     image_boxes: FloatArray
     source_rows: IntArray
 
@@ -135,10 +188,19 @@ class CameraCalibration:
 
 @dataclass
 class Findings:
-    """What was odd in a sequence; complete once its last frame has been read."""
+    """What was odd in a sequence; complete once its last frame has been read.
+
+    Attributes:
+        problems: one line each.
+        partial: whether data of the source could not be read.
+        messages_read: messages that its containers hold, of all topics.
+        messages_expected: messages that its containers say they hold, None when they do not.
+    """
 
     problems: list[str] = field(default_factory=list)
     partial: bool = False
+    messages_read: int = 0
+    messages_expected: int | None = None
 
     def note(self, problem: str) -> None:
         """Record something odd that cost no data."""
@@ -149,30 +211,38 @@ class Findings:
         self.problems.append(problem)
         self.partial = True
 
+    def adopt(self, other: Findings, where: str) -> None:
+        """Take over what was found in a part of the source."""
+        self.problems += [f"{where}: {problem}" for problem in other.problems]
+        self.partial |= other.partial
+        self.messages_read += other.messages_read
+
 
 @dataclass(frozen=True)
 class SequenceReading:
     """A sequence being read.
 
     Attributes:
-        frames: all frames in time order, read as they are asked for.
+        sequence_id: name of the sequence, safe as a file name.
+        batches: all frames in time order, read as they are asked for.
         labels: None when the source has none.
         calibration: None when the source has none.
         findings: grows while frames are read.
     """
 
-    frames: Iterator[Frame]
+    sequence_id: str
+    batches: Iterator[FrameBatch]
     labels: Labels | None
     calibration: CameraCalibration | None
     findings: Findings
 
 
 class SequenceHandle(Protocol):
-    """One sequence of a source."""
+    """One recording of a source: a sequence, or several where it pauses for long."""
 
     @property
     def sequence_id(self) -> str:
-        """Name of the sequence, safe as a file name."""
+        """Name of the sequence, safe as a file name; of several, what their names begin with."""
         ...
 
     def fingerprint(self) -> str:
@@ -184,14 +254,73 @@ class SequenceHandle(Protocol):
         """
         ...
 
-    def read(self) -> SequenceReading:
-        """Start to read.
+    def read(self) -> Sequence[SequenceReading]:
+        """Start to read; several sequences are to be drawn in order.
 
         Raises:
             SourceError: here or while frames are drawn; the message names the file and line.
             OSError: a file is unreadable.
         """
         ...
+
+
+@dataclass(frozen=True)
+class TopicDescription:
+    """A topic of a source.
+
+    Attributes:
+        topic: its name.
+        message_type: as `package/msg/Type`, empty when the source does not say.
+        encoding: of messages and definition, such as `cdr/ros2msg`.
+        messages: how many there are.
+        rate_hz: messages a second between its first and last, None with less than two.
+        holds: detections, transforms, poses or nothing (empty).
+        problem: why its messages cannot be decoded, empty when they can or need not be.
+    """
+
+    topic: str
+    message_type: str
+    encoding: str
+    messages: int
+    rate_hz: float | None
+    holds: str
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a source holds.
+
+    Attributes:
+        path: the file or folder.
+        format_name: name of the format.
+        profile: what it says of the system it was recorded on, empty when nothing.
+        start_ns: first log time, None when there is none.
+        end_ns: last log time.
+        messages: how many there are.
+        topics: sorted by name.
+        frames: names of the frames of the transform tree, each with its parent: `child < parent`.
+        would: what ingest would do with it, one line.
+        findings: what was odd, and what it declares to hold.
+    """
+
+    path: Path
+    format_name: str
+    profile: str
+    start_ns: int | None
+    end_ns: int | None
+    messages: int
+    topics: Sequence[TopicDescription]
+    frames: Sequence[str]
+    would: str
+    findings: Findings
+
+    @property
+    def duration_s(self) -> float:
+        """Last minus first log time."""
+        if self.start_ns is None or self.end_ns is None:
+            return 0.0
+        return (self.end_ns - self.start_ns) / 1e9
 
 
 class Source(Protocol):
@@ -212,6 +341,15 @@ class Source(Protocol):
 
         Raises:
             SourceError: it holds none.
+            OSError: a file is unreadable.
+        """
+        ...
+
+    def describe(self) -> Description:
+        """What it holds; all of it is read, nothing is written.
+
+        Raises:
+            SourceError: something is missing.
             OSError: a file is unreadable.
         """
         ...

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 from hbbatch.sources.base import Findings
+
+LATEST_NS: Final = 2**63 - 1
+"""Log times are unsigned in some containers; a damaged one must still fit the tables."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +21,8 @@ class Channel:
         topic: name of the topic.
         message_type: as `package/msg/Type`.
         message_encoding: of the messages, such as cdr.
-        schema_encoding: of the definition, such as ros2msg.
-        definition: text or bytes of the definition.
+        schema_encoding: of the definition, such as ros2msg; empty when there is none.
+        definition: text or bytes of the definition, empty when there is none.
     """
 
     topic: str
@@ -29,8 +32,7 @@ class Channel:
     definition: bytes
 
 
-@dataclass(frozen=True)
-class RawMessage:
+class RawMessage(NamedTuple):
     """A message as recorded."""
 
     channel: Channel
@@ -38,17 +40,28 @@ class RawMessage:
     data: bytes
 
 
+Wanted = Callable[[Channel], bool]
+
+
 class MessageLog(Protocol):
     """A container of messages."""
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """The file or folder."""
         ...
 
     @property
     def format_name(self) -> str:
         """Name of the format, for the catalogue."""
+        ...
+
+    def profile(self) -> str:
+        """What the container says of the system it was recorded on; empty when nothing.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
         ...
 
     def channels(self, findings: Findings) -> Sequence[Channel]:
@@ -59,9 +72,7 @@ class MessageLog(Protocol):
         """
         ...
 
-    def messages(
-        self, wanted: Callable[[Channel], bool], findings: Findings
-    ) -> Iterator[RawMessage]:
+    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
         """Messages of the wanted channels as they lie in the file; damage goes to the findings.
 
         Raises:
@@ -76,3 +87,35 @@ class MessageLog(Protocol):
             OSError: the file cannot be read.
         """
         ...
+
+
+@dataclass
+class Count:
+    """Messages that a container holds, against those it says it holds.
+
+    Attributes:
+        read: messages met, wanted or not.
+        expected: messages declared, None when the container does not say.
+    """
+
+    read: int = 0
+    expected: int | None = None
+
+    def report(self, findings: Findings, where: str = "the file") -> None:
+        """Write down what is missing, or what is there although it is not declared."""
+        findings.messages_read = max(findings.messages_read, self.read)
+        if self.expected is not None:
+            expected = max(findings.messages_expected or 0, self.expected)
+            findings.messages_expected = expected
+        if self.expected is None or self.expected == self.read:
+            return
+        if self.expected > self.read:
+            findings.lost(
+                f"{where} declares {self.expected} messages, {self.read} were read: "
+                f"{self.expected - self.read} lost"
+            )
+        else:
+            findings.note(
+                f"{where} declares {self.expected} messages, {self.read} were read: "
+                "the declaration is wrong"
+            )

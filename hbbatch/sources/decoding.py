@@ -1,19 +1,34 @@
-"""Bytes of a message to an object with its fields, by encoding and embedded definition.
+"""Bytes of a message to an object with its fields, by encoding and definition.
 
-An encoding is added as an entry of `_DECODERS`.
+An encoding is added as an entry of `_DECODERS`. Definitions come embedded in the log, or for logs
+that embed none from folders of .msg files, from a release of ROS 2, and from those hbbatch knows.
 """
 
 from __future__ import annotations
 
+import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
+from rosbags.typesys.store import Typestore
 
-from hbbatch.errors import SourceError
+from hbbatch.errors import SourceError, UsageError
+from hbbatch.sources.base import SourceOptions
 from hbbatch.sources.channels import Channel
+from hbbatch.sources.messages.definitions import KNOWN_DEFINITIONS
 
 Decode = Callable[[bytes], Any]
 
@@ -22,41 +37,218 @@ UNDECODABLE: Final = (
     struct.error,
     ValueError,
     IndexError,
+    KeyError,
     AssertionError,
     AttributeError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
 )
 """What is raised for bytes that do not fit their definition, or fields that are not there."""
 
+_BROKEN_DEFINITION: Final = (TypesysError, *UNDECODABLE)
+_ROS_TIME: Final = "int32 sec\nuint32 nanosec\n"
+_DEFAULT_DISTRO: Final = "humble"
+_DISTROS: Final = {
+    store.value.removeprefix("ros2_"): store for store in Stores if store.value.startswith("ros2_")
+}
 
-def decoder(channel: Channel) -> Decode:
-    """A function from the bytes of a channel's messages to objects with the fields as attributes.
+
+@dataclass(frozen=True)
+class Decoder:
+    """How to read the messages of a channel.
+
+    Attributes:
+        decode: bytes to an object with the fields as attributes.
+        typestore: holds the definition, None where it is no ROS 2 definition, or is not certain.
+        note: what a user should know of it, empty when nothing.
+    """
+
+    decode: Decode
+    typestore: Typestore | None = None
+    note: str = ""
+
+
+def decoder(channel: Channel, options: SourceOptions) -> Decoder:
+    """How to read the messages of a channel.
 
     Raises:
-        SourceError: the encoding is unknown or the embedded definition cannot be used.
+        SourceError: the encoding is unknown or no usable definition is there.
+        UsageError: an option names a release or folder that is not there.
     """
     encodings = (channel.message_encoding, channel.schema_encoding)
     make = _DECODERS.get(encodings)
     if make is None:
-        known = ", ".join(f"{message} with {schema}" for message, schema in _DECODERS)
+        known = ", ".join(f"{message} with {schema or 'no'}" for message, schema in _DECODERS)
         raise SourceError(
             f"topic {channel.topic}: messages are {encodings[0] or 'unnamed'} with "
             f"{encodings[1] or 'no'} definition. Can be read: {known}."
         )
-    return make(channel)
-
-
-def _ros2(channel: Channel) -> Decode:
-    """A typestore of its own for each channel, so that one definition cannot spoil another's."""
     try:
-        store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(channel.definition.decode(), channel.message_type))
-        store.get_msgdef(channel.message_type)
-    except (TypesysError, UnicodeDecodeError, KeyError) as error:
+        return make(channel, options)
+    except _BROKEN_DEFINITION as error:
         raise SourceError(
             f"topic {channel.topic}: the embedded definition of {channel.message_type} cannot be "
             f"used ({' '.join(str(error).split())}). Record the log again with full definitions."
         ) from error
-    return lambda data: store.deserialize_cdr(data, channel.message_type)
 
 
-_DECODERS: Final[dict[tuple[str, str], Callable[[Channel], Decode]]] = {("cdr", "ros2msg"): _ros2}
+def _embedded(channel: Channel, parse: Callable[..., Any]) -> Typestore:
+    """A typestore of its own for each channel, so that one definition cannot spoil another's."""
+    types = parse(channel.definition.decode(), channel.message_type)
+    store = get_typestore(Stores.EMPTY)
+    for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+        types.setdefault(name, get_types_from_msg(_ROS_TIME, name)[name])
+    store.register(types)
+    store.get_msgdef(channel.message_type)
+    return store
+
+
+def _ros2(channel: Channel, _: SourceOptions) -> Decoder:
+    store = _embedded(channel, get_types_from_msg)
+    return Decoder(partial(_cdr, store, channel.message_type), store)
+
+
+def _ros2_idl(channel: Channel, _: SourceOptions) -> Decoder:
+    store = _embedded(channel, lambda text, _: get_types_from_idl(_with_separators(text)))
+    return Decoder(partial(_cdr, store, channel.message_type), store)
+
+
+def _with_separators(text: str) -> str:
+    """IDL files follow one another in a schema, behind lines that are no IDL."""
+    kept = [
+        line
+        for line in text.splitlines()
+        if not line.startswith(("=====", "IDL: ")) and not line.startswith("#include")
+    ]
+    return "\n".join(kept)
+
+
+def _ros1(channel: Channel, _: SourceOptions) -> Decoder:
+    store, kind = _embedded(channel, get_types_from_msg), channel.message_type
+    return Decoder(lambda data: store.deserialize_ros1(data, kind))
+
+
+def _json(_channel: Channel, _: SourceOptions) -> Decoder:
+    return Decoder(lambda data: json.loads(data, object_hook=lambda d: SimpleNamespace(**d)))
+
+
+def _protobuf(channel: Channel, _: SourceOptions) -> Decoder:
+    from google.protobuf import (  # type: ignore[import-untyped]
+        descriptor_pb2,
+        descriptor_pool,
+        message,
+        message_factory,
+    )
+
+    try:
+        files = descriptor_pb2.FileDescriptorSet.FromString(channel.definition)
+        pool = descriptor_pool.DescriptorPool()
+        for file in files.file:
+            pool.Add(file)
+        name = channel.message_type.replace("foxglove_msgs/msg/", "foxglove.")
+        kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
+    except message.DecodeError as error:
+        raise ValueError(str(error)) from error
+
+    def decode(data: bytes) -> Any:
+        try:
+            return kind.FromString(data)
+        except message.DecodeError as error:
+            raise ValueError(str(error)) from error
+
+    return Decoder(decode)
+
+
+def _not_embedded(channel: Channel, options: SourceOptions) -> Decoder:
+    """Of several definitions the first that fits a message counts for it."""
+    kind = channel.message_type
+    stores = [
+        store
+        for store in _outside_stores(
+            kind.partition("/")[0], options.message_paths, options.ros_distro
+        )
+        if kind in store.fielddefs
+    ]
+    if not stores:
+        raise SourceError(
+            f"topic {channel.topic}: the log embeds no definition of {kind} and it is not known. "
+            "Give a folder of its .msg files with --msg-path."
+        )
+    for store in stores:
+        store.get_msgdef(kind)
+    note = f"topic {channel.topic}: the log embeds no definition of {kind}, taken from elsewhere"
+    return Decoder(
+        partial(_first_that_fits, [partial(_cdr, store, kind) for store in stores]),
+        stores[0] if len(stores) == 1 else None,
+        note,
+    )
+
+
+def _cdr(store: Typestore, kind: str, data: bytes) -> Any:
+    return store.deserialize_cdr(data, kind)
+
+
+def _first_that_fits(decoders: Sequence[Decode], data: bytes) -> Any:
+    *others, last = decoders
+    for decode in others:
+        try:
+            return decode(data)
+        except UNDECODABLE:
+            continue
+    return last(data)
+
+
+@cache
+def _outside_stores(
+    package: str, message_paths: tuple[Path, ...], distro: str | None
+) -> list[Typestore]:
+    """Definitions that do not come with a log; those of the user's folders count alone."""
+    release = _DISTROS.get(distro or _DEFAULT_DISTRO)
+    if release is None:
+        raise UsageError(f"--ros-distro {distro} is not known. Choose from {', '.join(_DISTROS)}.")
+    own = {name: text for path in message_paths for name, text in _message_files(path).items()}
+    alternatives = [own] if any(name.startswith(f"{package}/") for name in own) else None
+    stores = []
+    for texts in alternatives or KNOWN_DEFINITIONS.get(package, ({},)):
+        store = get_typestore(release)
+        store.register(_parsed({**own, **texts}, set(store.fielddefs)))
+        stores.append(store)
+    return stores
+
+
+def _parsed(texts: dict[str, str], known: set[str]) -> dict[str, Any]:
+    types: dict[str, Any] = {}
+    for name, text in texts.items():
+        if name not in known:
+            try:
+                types.update(get_types_from_msg(text, name))
+            except (TypesysError, ValueError) as error:
+                raise UsageError(
+                    f"--msg-path: the definition of {name} cannot be used "
+                    f"({' '.join(str(error).split())})."
+                ) from error
+    return types
+
+
+def _message_files(folder: Path) -> dict[str, str]:
+    """Definitions of a folder: `<package>/msg/<Type>.msg` or `<package>/<Type>.msg`."""
+    found = {}
+    for path in sorted(folder.rglob("*.msg")):
+        package = path.parent.parent if path.parent.name == "msg" else path.parent
+        found[f"{package.resolve().name}/msg/{path.stem}"] = path.read_text(errors="replace")
+    if not found:
+        raise UsageError(f"--msg-path {folder}: no .msg files there.")
+    return found
+
+
+_DECODERS: Final[dict[tuple[str, str], Callable[[Channel, SourceOptions], Decoder]]] = {
+    ("cdr", "ros2msg"): _ros2,
+    ("cdr", "ros2idl"): _ros2_idl,
+    ("cdr", ""): _not_embedded,
+    ("ros1", "ros1msg"): _ros1,
+    ("protobuf", "protobuf"): _protobuf,
+    ("json", "jsonschema"): _json,
+    ("json", ""): _json,
+}

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from hbbatch.errors import SourceError
+from hbbatch.sources.bag import BagLog, is_bag_file
 from hbbatch.sources.base import Source, SourceOptions, source_errors
 from hbbatch.sources.kitti import KittiSource, is_kitti_folder
 from hbbatch.sources.log import LogSource
 from hbbatch.sources.mcap import McapLog, is_mcap_file
+from hbbatch.sources.rosbag2 import PackedLog, Rosbag2Log, is_packed_log, is_rosbag2_folder
+from hbbatch.sources.sqlite import Db3Log, is_db3_file
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,29 @@ FORMATS: Final = (
         KittiSource,
     ),
     Format(
+        "a ROS 2 bag folder (metadata.yaml with .db3 or .mcap files)",
+        is_rosbag2_folder,
+        lambda path, options: LogSource(Rosbag2Log(path), options),
+    ),
+    Format(
         "an MCAP file",
         is_mcap_file,
         lambda path, options: LogSource(McapLog(path), options),
+    ),
+    Format(
+        "a ROS 1 bag",
+        is_bag_file,
+        lambda path, options: LogSource(BagLog(path), options),
+    ),
+    Format(
+        "a .db3 file",
+        is_db3_file,
+        lambda path, options: LogSource(Db3Log(path), options),
+    ),
+    Format(
+        "a .db3.zstd or .mcap.zstd file",
+        is_packed_log,
+        lambda path, options: LogSource(PackedLog(path), options),
     ),
 )
 

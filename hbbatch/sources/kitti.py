@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,15 +17,17 @@ import numpy as np
 from hbbatch.boxes import FloatArray
 from hbbatch.errors import SourceError
 from hbbatch.sources.base import (
-    IDENTITY_POSE,
     LOGGED,
     CameraCalibration,
+    Description,
     Findings,
-    Frame,
+    FrameBatch,
     Labels,
-    Pose,
+    Names,
+    Poses,
     SequenceReading,
     SourceOptions,
+    TopicDescription,
 )
 from hbbatch.sources.kitti_detections import (
     KittiDetections,
@@ -76,6 +78,22 @@ class KittiSource:
         numbered = {sequence_id for sequence_id in detected if sequence_id.isdecimal()}
         return [KittiSequence(self.path, folder, i) for i in sorted(in_parts | numbered)]
 
+    def describe(self) -> Description:
+        """Its sequences as topics; nothing but the names of files is read."""
+        try:
+            names = [sequence.sequence_id for sequence in self.sequences()]
+            would = f"ingest {len(names)} sequences: {', '.join(names)}"
+        except SourceError as error:
+            would = f"refuse: {error}"
+        parts = [part for part in _PARTS if _entries(self.path / part)]
+        topics = [
+            TopicDescription(part, "", "text", len(_entries(self.path / part)), None, "")
+            for part in parts
+        ]
+        return Description(
+            self.path, self.format_name, "", None, None, 0, topics, (), would, Findings()
+        )
+
     def _detections(self) -> Path:
         candidates = [self.path / name for name in _DETECTION_FOLDERS]
         if self.options.detections is not None:
@@ -115,20 +133,23 @@ class KittiSequence:
             digest.update(content)
         return digest.hexdigest()
 
-    def read(self) -> SequenceReading:
-        """Parse all its files; they are small."""
+    def read(self) -> list[SequenceReading]:
+        """Parse all its files; they are small. There is one sequence."""
         findings = Findings()
         calibration = read_calibration(self._part("calib"))
         detections = read_detections(self._detection_files(), self.sequence_id)
         labels = read_labels(self._part("label_02")) if self._part("label_02").is_file() else None
         poses = self._poses(calibration, findings)
         frame_count = self._frame_count(detections, labels, len(poses))
-        return SequenceReading(
-            frames=_frames(detections, poses or [IDENTITY_POSE] * frame_count),
+        poses = poses if len(poses) else Poses.identity(frame_count)
+        reading = SequenceReading(
+            sequence_id=self.sequence_id,
+            batches=iter([_frames(detections, poses)]),
             labels=labels,
             calibration=self._camera(calibration, detections, labels, findings),
             findings=findings,
         )
+        return [reading]
 
     def _part(self, part: str) -> Path:
         return self.root / part / f"{self.sequence_id}.txt"
@@ -151,17 +172,17 @@ class KittiSequence:
         images = sorted((self.root / "image_02" / self.sequence_id).glob("*.png"))
         return len(images), _png_size(images[0]) if images else None
 
-    def _poses(self, calibration: KittiCalibration, findings: Findings) -> list[Pose]:
+    def _poses(self, calibration: KittiCalibration, findings: Findings) -> Poses:
         """A pose a line of oxts; none without oxts."""
         path = self._part("oxts")
         if not path.is_file():
             findings.note("no oxts: no ego poses, identity recorded; tracks will be worse")
-            return []
+            return Poses.identity(0)
         oxts = parse_oxts(path)
         if not len(oxts):
             raise SourceError(f"{path}: holds no line. Restore the file from its origin.")
         translations_m, rotations = world_from_sensor(oxts, calibration)
-        return [Pose(t, r, LOGGED) for t, r in zip(translations_m, rotations, strict=True)]
+        return Poses(translations_m, rotations, Names.of([LOGGED] * len(oxts)))
 
     def _frame_count(
         self, detections: KittiDetections, labels: Labels | None, oxts_lines: int
@@ -200,23 +221,20 @@ class KittiSequence:
         return CameraCalibration(image_from_sensor, *size, SENSOR_FRAME)
 
 
-def _frames(detections: KittiDetections, poses: Sequence[Pose]) -> Iterator[Frame]:
-    ends = np.searchsorted(detections.frame_index, np.arange(len(poses)), side="right")
-    start = 0
-    for index, (pose, end) in enumerate(zip(poses, ends, strict=True)):
-        rows = slice(start, int(end))
-        start = int(end)
-        yield Frame(
-            timestamp_ns=index * FRAME_NS,
-            log_time_ns=None,
-            frame_id=SENSOR_FRAME,
-            pose=pose,
-            boxes=detections.boxes[rows],
-            scores=detections.scores[rows],
-            class_names=detections.class_names[rows],
-            image_boxes=detections.image_boxes[rows],
-            source_rows=detections.lines[rows],
-        )
+def _frames(detections: KittiDetections, poses: Poses) -> FrameBatch:
+    frames = len(poses)
+    return FrameBatch(
+        timestamp_ns=np.arange(frames) * FRAME_NS,
+        log_time_ns=None,
+        frame_ids=Names.of([SENSOR_FRAME] * frames),
+        poses=poses,
+        box_counts=np.bincount(detections.frame_index, minlength=frames),
+        boxes=detections.boxes,
+        scores=detections.scores,
+        class_names=Names.of(detections.class_names),
+        image_boxes=detections.image_boxes,
+        source_rows=detections.lines,
+    )
 
 
 def _png_size(path: Path) -> tuple[int, int]:

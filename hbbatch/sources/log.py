@@ -1,34 +1,41 @@
 """Recorded logs, whatever the container: which topic holds detections, and its frames with poses.
 
-A log is read once. Detections and transforms are decoded as they come and everything else is left
-as bytes; frames are then put in the order of their header stamps (equal stamps keep the order of
-the file) and given poses, since transforms often arrive after the data they explain.
+A log is read once. Detections and transforms are decoded in batches as they come and everything
+else is left as bytes; frames are then put in the order of their header stamps (equal stamps keep
+the order of the file) and given poses, since transforms often arrive after the data they explain.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbatch.dataset.store import safe_name
 from hbbatch.errors import SourceError
+from hbbatch.sources import gaps
 from hbbatch.sources.base import (
+    Description,
     Findings,
-    Frame,
-    Pose,
+    IntArray,
+    Names,
+    Poses,
     SequenceReading,
     SourceOptions,
-    no_image_boxes,
 )
 from hbbatch.sources.channels import Channel, MessageLog
+from hbbatch.sources.detection_store import DetectionStore
+from hbbatch.sources.log_description import describe
 from hbbatch.sources.log_poses import PoseMessages
-from hbbatch.sources.log_scan import Detected, LogScan
-from hbbatch.sources.messages import DETECTION_MESSAGES
+from hbbatch.sources.log_scan import LogScan
+from hbbatch.sources.mapping import detection_messages, mapping_hashes
+from hbbatch.sources.messages import SHOWN_MESSAGES
+from hbbatch.sources.rosbag2 import log_stem
 from hbbatch.sources.transforms import EXTRAPOLATION_NS
 
 _LISTED_TOPICS: Final = 20
@@ -43,7 +50,7 @@ class LogSource:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """The file or folder."""
         return self.log.path
 
     @property
@@ -57,19 +64,31 @@ class LogSource:
         Raises:
             SourceError: there is no such topic, or several and none was asked for.
         """
-        topics = self._topics()
-        stem = safe_name(self.path.stem)
+        findings = Findings()
+        return self._sequences(self.log.channels(findings), findings)
+
+    def describe(self) -> Description:
+        """What the log holds; all of it is read."""
+        description, channels = describe(self.log, self.options)
+        try:
+            names = [s.sequence_id for s in self._sequences(channels, description.findings)]
+        except SourceError as error:
+            return replace(description, would=f"refuse: {error}")
+        topics = ", ".join(_offered(channels, self.options))
+        return replace(description, would=f"ingest {topics} as {', '.join(names)}")
+
+    def _sequences(self, channels: Sequence[Channel], findings: Findings) -> list[LogSequence]:
+        topics = self._chosen(channels, findings)
+        stem = safe_name(log_stem(self.path))
         if len(topics) == 1:
-            return [LogSequence(self.log, topics[0], stem)]
+            return [LogSequence(self.log, topics[0], stem, self.options)]
         return [
-            LogSequence(self.log, topic, safe_name(f"{stem}-{topic.strip('/')}"))
+            LogSequence(self.log, topic, safe_name(f"{stem}-{topic.strip('/')}"), self.options)
             for topic in topics
         ]
 
-    def _topics(self) -> Sequence[str]:
-        findings = Findings()
-        channels = self.log.channels(findings)
-        offered = sorted({c.topic for c in channels if c.message_type in DETECTION_MESSAGES})
+    def _chosen(self, channels: Sequence[Channel], findings: Findings) -> Sequence[str]:
+        offered = _offered(channels, self.options)
         listed = ", ".join(offered)
         if not offered:
             raise SourceError(
@@ -84,6 +103,14 @@ class LogSource:
         if len(offered) > 1 and not self.options.topics:
             raise SourceError(f"{self.path}: several detection topics ({listed}). Use --topic.")
         return self.options.topics or offered
+
+
+def _offered(channels: Sequence[Channel], options: SourceOptions) -> list[str]:
+    """Detection topics; those that are made to be looked at where there is no other, or chosen."""
+    known = detection_messages(options.mappings)
+    held = {c.topic: c.message_type for c in channels if c.message_type in known}
+    measured = {t for t, kind in held.items() if kind not in SHOWN_MESSAGES}
+    return sorted(measured | (set(options.topics) & set(held)) or held)
 
 
 def _listing(channels: Sequence[Channel]) -> str:
@@ -105,64 +132,103 @@ class LogSequence:
     log: MessageLog
     topic: str
     sequence_id: str
+    options: SourceOptions
 
     def fingerprint(self) -> str:
-        """Hash of the log and the topic."""
-        return hashlib.sha256(f"{self.log.fingerprint()} {self.topic}".encode()).hexdigest()
+        """Hash of the log, the topic and the options that concern it."""
+        concerned = (
+            self.topic,
+            self.options.world_frame,
+            self.options.pose_topic,
+            self.options.max_gap_s,
+            self.options.ros_distro,
+            [str(path) for path in self.options.message_paths],
+            mapping_hashes(self.options.mappings),
+        )
+        return hashlib.sha256(f"{self.log.fingerprint()} {concerned!r}".encode()).hexdigest()
 
-    def read(self) -> SequenceReading:
+    def read(self) -> list[SequenceReading]:
         """Read the log; the findings are complete at once."""
         findings = Findings()
-        scan = LogScan(self.topic)
+        scan = LogScan(self.topic, detection_messages(self.options.mappings), self.options)
         for message in self.log.messages(scan.wants, findings):
             scan.take(message)
-        scan.report(findings)
-        scan.poses.report(findings)
-        if not scan.detected:
+        scan.finish(findings)
+        if not len(scan.store):
             raise SourceError(
                 f"{self.log.path}: no message on {self.topic} can be read.{_damage(findings)} "
-                "Check the recording."
+                f"{_reasons(findings)}Check the recording."
             )
-        detected = sorted(scan.detected, key=lambda message: message.timestamp_ns)
+        order, stamps_ns = scan.store.order()
+        frames = scan.store.frame_ids(order)
         try:
-            poses = _frame_poses(detected, scan.poses, findings)
+            poses, known = _frame_poses(frames, stamps_ns, scan.poses, findings)
         except SourceError as error:
             raise SourceError(
                 f"{self.log.path}: topic {self.topic}: {error}{_damage(findings)}"
             ) from error
-        return SequenceReading(_frames(detected, poses), None, None, findings)
+        rows = np.flatnonzero(known)
+        kept = _Kept(order[rows], stamps_ns[rows], frames[rows], poses[rows])
+        return self._readings(scan.store, kept, findings)
+
+    def _readings(
+        self, store: DetectionStore, kept: _Kept, findings: Findings
+    ) -> list[SequenceReading]:
+        parts = gaps.parts(kept.stamps_ns, self.options.max_gap_s)
+        if len(parts) > 1:
+            findings.note(f"topic {self.topic}: {len(parts)} sequences, it pauses between them")
+        digits = len(str(len(parts) - 1))
+        names = [f"{self.sequence_id}-{number:0{max(digits, 3)}d}" for number in range(len(parts))]
+        if len(parts) == 1:
+            names = [self.sequence_id]
+        return [
+            SequenceReading(
+                name,
+                store.batches(
+                    kept.order[part],
+                    kept.frames[part],
+                    kept.poses[part],
+                ),
+                None,
+                None,
+                replace(findings, problems=list(findings.problems)),
+            )
+            for name, part in zip(names, parts, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """The frames of a topic that have a pose, in time order."""
+
+    order: IntArray
+    stamps_ns: IntArray
+    frames: Names
+    poses: Poses
+
+
+def _reasons(findings: Findings) -> str:
+    return "" if findings.partial else "".join(f"{problem}. " for problem in findings.problems)
 
 
 def _frame_poses(
-    detected: Sequence[Detected], messages: PoseMessages, findings: Findings
-) -> list[Pose | None]:
+    frames: Names, stamps_ns: IntArray, messages: PoseMessages, findings: Findings
+) -> tuple[Poses, NDArray[np.bool_]]:
     """The pose of each message's sensor at its stamp; a topic may mix frames."""
-    poses: list[Pose | None] = [None] * len(detected)
-    for frame in sorted({message.frame_id for message in detected}):
-        rows = [row for row, message in enumerate(detected) if message.frame_id == frame]
-        stamps_ns = np.array([detected[row].timestamp_ns for row in rows])
-        for row, pose in zip(rows, messages.resolve(frame, stamps_ns, findings), strict=True):
-            poses[row] = pose
-    unknown = poses.count(None)
+    poses = Poses.identity(len(stamps_ns))
+    known = np.zeros(len(stamps_ns), dtype=bool)
+    translation_m, rotation = poses.translation_m, poses.rotation
+    origins = [""] * len(stamps_ns)
+    for code in sorted(set(frames.codes.tolist()), key=lambda c: frames.vocabulary[c]):
+        rows = np.flatnonzero(frames.codes == code)
+        found = messages.resolve(frames.vocabulary[code], stamps_ns[rows], findings)
+        translation_m[rows], rotation[rows] = found.poses.translation_m, found.poses.rotation
+        known[rows] = found.known
+        for row, origin in zip(rows.tolist(), found.poses.origins.to_list(), strict=True):
+            origins[row] = origin
+    unknown = int((~known).sum())
     if unknown:
         findings.lost(
             f"{unknown} frames left out: no pose of the sensor within {EXTRAPOLATION_NS / 1e9} s"
         )
-    return poses
-
-
-def _frames(detected: Sequence[Detected], poses: Sequence[Pose | None]) -> Iterator[Frame]:
-    for message, pose in zip(detected, poses, strict=True):
-        if pose is not None:
-            count = len(message.boxes)
-            yield Frame(
-                timestamp_ns=message.timestamp_ns,
-                log_time_ns=message.log_time_ns,
-                frame_id=message.frame_id,
-                pose=pose,
-                boxes=message.boxes,
-                scores=message.scores,
-                class_names=message.class_names,
-                image_boxes=no_image_boxes(count),
-                source_rows=np.full(count, message.number),
-            )
+    return Poses(translation_m, rotation, Names.of(origins)), known

@@ -1,44 +1,42 @@
 """MCAP files as containers of messages (https://mcap.dev/spec).
 
 Records are read one after the other, not by the index, so that a file without a usable summary or
-with a damaged end gives what it holds.
+with damage gives what it holds. The summary helps where it is whole: it names the channels at once,
+and those whose record was lost with a damaged chunk.
 """
 
 from __future__ import annotations
 
 import hashlib
 import struct
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-import zstandard
-from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import make_reader
-from mcap.records import Channel as ChannelRecord
-from mcap.records import McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader
-
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import Channel, RawMessage
+from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted
+from hbbatch.sources.mcap_records import (
+    CHANNEL,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    SCHEMA,
+    STATISTICS,
+    Content,
+    Damage,
+    DamagedRecordError,
+    records,
+    split,
+)
 from hbbatch.sources.messages import normalise_type
 
-_MAGIC: Final = b"\x89MCAP0\r\n"
-_LARGEST_RECORD: Final = 2**30
-_LATEST_NS: Final = 2**63 - 1
-_DAMAGE: Final = (
-    McapError,
-    zstandard.ZstdError,
-    struct.error,
-    ValueError,
-    KeyError,
-    RuntimeError,
-    MemoryError,
-)
-"""What mcap and its decompressors raise on bytes that are not as the specification says."""
+_FOOTER_SIZE: Final = 9 + 20
+_LARGEST_SUMMARY: Final = 2**28
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_STATISTICS_HEAD: Final = struct.Struct("<QHI")
 
 
 def is_mcap_file(path: Path) -> bool:
@@ -50,7 +48,7 @@ def is_mcap_file(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+        return file.read(len(MAGIC)) == MAGIC
 
 
 @dataclass(frozen=True)
@@ -60,37 +58,59 @@ class McapLog:
     path: Path
     format_name: str = "mcap"
 
+    def profile(self) -> str:
+        """The profile of its header."""
+        with self.path.open("rb") as file:
+            opcode, content = next(records(file, Damage()), (0, b""))
+        try:
+            return _Fields(content).text() if opcode == HEADER else ""
+        except DamagedRecordError:
+            return ""
+
     def channels(self, findings: Findings) -> Sequence[Channel]:
         """All channels: from the summary where it is whole, else by reading the file."""
         with self.path.open("rb") as file:
-            summarised = _summary_channels(file)
-        if summarised:
-            return summarised
-        with self.path.open("rb") as file:
-            channels = _Channels()
-            for record in _records(file, findings):
-                channels.take(record)
-            return list(channels.by_id.values())
+            summary = _summary(file)
+        if summary.complete:
+            return list(summary.by_id.values())
+        met: dict[Channel, None] = {}
 
-    def messages(
-        self, wanted: Callable[[Channel], bool], findings: Findings
-    ) -> Iterator[RawMessage]:
-        """Messages of the wanted channels in file order, up to the first damage."""
-        channels = _Channels()
-        counts: Counter[int] = Counter()
+        def remember(channel: Channel) -> bool:
+            met[channel] = None
+            return False
+
+        for _ in self.messages(remember, findings):
+            pass
+        return list(met)
+
+    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+        """Messages of the wanted channels in file order, damaged places left out."""
+        damage, count, unknown = Damage(), Count(), 0
         with self.path.open("rb") as file:
-            for record in _records(file, findings):
-                if isinstance(record, Message):
-                    counts[record.channel_id] += 1
-                    channel = channels.by_id.get(record.channel_id)
-                    if channel is not None and wanted(channel):
-                        # MCAP's times are unsigned; a damaged one must still fit the tables.
-                        log_time_ns = min(record.log_time, _LATEST_NS)
-                        yield RawMessage(channel, log_time_ns, record.data)
-                elif isinstance(record, Statistics):
-                    _compare(record, counts, findings)
-                else:
-                    channels.take(record)
+            table = _summary(file)
+            count.expected = table.declared
+            table.announce(wanted)
+            for opcode, content in records(file, damage):
+                if opcode != MESSAGE:
+                    table.take(opcode, content, damage)
+                    continue
+                count.read += 1
+                if len(content) < _MESSAGE_HEAD.size:
+                    damage.add("a message without head")
+                    continue
+                channel_id, _, log_time_ns, _ = _MESSAGE_HEAD.unpack_from(content)
+                channel = table.wanted.get(channel_id)
+                if channel is not None:
+                    yield RawMessage(
+                        channel, min(log_time_ns, LATEST_NS), bytes(content[_MESSAGE_HEAD.size :])
+                    )
+                elif channel_id not in table.by_id:
+                    unknown += 1
+        if unknown:
+            findings.lost(f"{unknown} messages lost: the record that names their topic is missing")
+        damage.report(findings)
+        count.expected = table.declared
+        count.report(findings)
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the file."""
@@ -98,61 +118,115 @@ class McapLog:
             return hashlib.file_digest(file, "blake2b").hexdigest()
 
 
-class _Channels:
+class _Fields:
+    """Fields of a record, read one after the other."""
+
+    def __init__(self, content: Content) -> None:
+        self._content, self._position = content, 0
+
+    def number(self, kind: str) -> int:
+        try:
+            (value,) = struct.unpack_from(f"<{kind}", self._content, self._position)
+        except struct.error as error:
+            raise DamagedRecordError("a record is too short") from error
+        self._position += struct.calcsize(f"<{kind}")
+        return int(value)
+
+    def bytes(self) -> bytes:
+        length = self.number("I")
+        start = self._position
+        self._position += length
+        if self._position > len(self._content):
+            raise DamagedRecordError("a record is too short")
+        return bytes(self._content[start : self._position])
+
+    def text(self) -> str:
+        try:
+            return self.bytes().decode()
+        except UnicodeDecodeError as error:
+            raise DamagedRecordError("a text is not UTF-8") from error
+
+
+class _Table:
     """Channels met so far; a channel without a schema has an empty type."""
 
     def __init__(self) -> None:
         self.by_id: dict[int, Channel] = {}
-        self._schemas: dict[int, Schema] = {}
+        self.wanted: dict[int, Channel] = {}
+        self.declared: int | None = None
+        self.complete = False
+        self._declared_channels = -1
+        self._schemas: dict[int, tuple[str, str, bytes]] = {}
+        self._unresolved: set[int] = set()
+        self._wants: Wanted = lambda _: False
 
-    def take(self, record: McapRecord) -> None:
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, ChannelRecord) and record.id not in self.by_id:
-            self.by_id[record.id] = _channel(record, self._schemas.get(record.schema_id))
+    def announce(self, wanted: Wanted) -> None:
+        """Say which channels are wanted, of those known and those to come."""
+        self._wants = wanted
+        for channel_id, channel in self.by_id.items():
+            if channel_id not in self._unresolved:
+                self._offer(channel_id, channel)
+
+    def take(self, opcode: int, content: Content, damage: Damage) -> None:
+        """Learn from a record that is no message."""
+        try:
+            if opcode == SCHEMA:
+                self._take_schema(_Fields(content))
+            elif opcode == CHANNEL:
+                self._take_channel(_Fields(content))
+            elif opcode == STATISTICS:
+                self.declared, _, self._declared_channels = _STATISTICS_HEAD.unpack_from(content)
+        except (DamagedRecordError, struct.error) as error:
+            damage.add(f"a damaged record ({error})")
+
+    def close(self) -> None:
+        """Decide whether all channels are known with their schemas."""
+        self.complete = not self._unresolved and self._declared_channels == len(self.by_id) > 0
+
+    def _take_schema(self, fields: _Fields) -> None:
+        schema_id = fields.number("H")
+        self._schemas[schema_id] = (fields.text(), fields.text(), fields.bytes())
+
+    def _take_channel(self, fields: _Fields) -> None:
+        channel_id, schema_id = fields.number("H"), fields.number("H")
+        topic, encoding = fields.text(), fields.text()
+        if channel_id in self.by_id and channel_id not in self._unresolved:
+            return
+        name, schema_encoding, definition = self._schemas.get(schema_id, ("", "", b""))
+        self._unresolved.discard(channel_id)
+        if schema_id and schema_id not in self._schemas:
+            self._unresolved.add(channel_id)
+        channel = Channel(topic, normalise_type(name), encoding, schema_encoding, definition)
+        self.by_id[channel_id] = channel
+        self._offer(channel_id, channel)
+
+    def _offer(self, channel_id: int, channel: Channel) -> None:
+        self.wanted.pop(channel_id, None)
+        if self._wants(channel):
+            self.wanted[channel_id] = channel
 
 
-def _channel(record: ChannelRecord, schema: Schema | None) -> Channel:
-    return Channel(
-        topic=record.topic,
-        message_type=normalise_type(schema.name) if schema else "",
-        message_encoding=record.message_encoding,
-        schema_encoding=schema.encoding if schema else "",
-        definition=schema.data if schema else b"",
-    )
+def _summary(file: BufferedReader) -> _Table:
+    """Channels and declared count of the summary; an empty table when there is none."""
+    table = _Table()
+    for opcode, content in _summary_records(file):
+        table.take(opcode, content, Damage())
+    table.close()
+    return table
 
 
-def _records(file: BufferedReader, findings: Findings) -> Iterator[McapRecord]:
-    """Records of a file until its end or the first damage."""
-    reader = StreamReader(file, validate_crcs=True, record_size_limit=_LARGEST_RECORD)
-    try:
-        yield from reader.records
-    except EndOfFile:
-        findings.lost(f"the file ends early, at byte {file.tell()}: what follows is lost")
-    except _DAMAGE as error:
-        what = " ".join(str(error).split()) or type(error).__name__
-        findings.lost(f"damaged before byte {file.tell()} ({what}): what follows is lost")
-
-
-def _summary_channels(file: BufferedReader) -> list[Channel]:
-    """Channels of the summary; empty when there is none or it lacks some of the schemas."""
-    try:
-        summary = make_reader(file).get_summary()
-    except (*_DAMAGE, OSError):
+def _summary_records(file: BufferedReader) -> list[tuple[int, Content]]:
+    end = file.seek(0, 2) - len(MAGIC) - _FOOTER_SIZE
+    if end < len(MAGIC):
         return []
-    if summary is None or any(
-        channel.schema_id and channel.schema_id not in summary.schemas
-        for channel in summary.channels.values()
-    ):
+    file.seek(end)
+    tail = file.read(_FOOTER_SIZE + len(MAGIC))
+    (start,) = struct.unpack_from("<Q", tail, 9)
+    whole = tail[0] == FOOTER and tail.endswith(MAGIC)
+    if not whole or not len(MAGIC) <= start < end or end - start > _LARGEST_SUMMARY:
         return []
-    return [
-        _channel(channel, summary.schemas.get(channel.schema_id))
-        for channel in summary.channels.values()
-    ]
-
-
-def _compare(declared: Statistics, counts: Counter[int], findings: Findings) -> None:
-    if declared.message_count > counts.total():
-        findings.lost(
-            f"the file declares {declared.message_count} messages and holds {counts.total()}"
-        )
+    file.seek(start)
+    try:
+        return list(split(file.read(end - start)))
+    except DamagedRecordError:
+        return []

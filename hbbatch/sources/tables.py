@@ -2,68 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from hbbatch import schema
 from hbbatch.boxes import BOX_FIELDS, FloatArray
-from hbbatch.sources.base import Frame, Labels
-from hbbatch.sources.classes import normalise_class
+from hbbatch.sources.base import FrameBatch, Labels, Names
+from hbbatch.sources.classes import Taxonomy
 
 _IMAGE_SIDES: Final = ("image_left", "image_top", "image_right", "image_bottom")
 
 
 def detections_table(
-    frames: Sequence[Frame], first_frame_index: int, first_detection_id: int
+    batch: FrameBatch, first_frame_index: int, first_detection_id: int, taxonomy: Taxonomy
 ) -> pa.Table:
     """A table of `schema.DETECTIONS` for consecutive frames.
 
     Args:
-        frames: a batch of frames of one sequence, at least one.
+        batch: frames of one sequence.
         first_frame_index: index of the first of them in the sequence.
         first_detection_id: rows of the sequence before this batch.
+        taxonomy: what the classes are called.
     """
-    counts = [len(frame.boxes) for frame in frames]
-    logged = [name for frame in frames for name in frame.class_names]
-    index = np.arange(first_frame_index, first_frame_index + len(frames))
+    counts, logged = batch.box_counts, batch.class_names
+    index = np.arange(first_frame_index, first_frame_index + len(counts))
+    names = Names(logged.codes, tuple(taxonomy.normalise(name) for name in logged.vocabulary))
+    frames = Names(np.repeat(batch.frame_ids.codes, counts), batch.frame_ids.vocabulary)
     columns = {
         "frame_index": np.repeat(index, counts),
-        "timestamp_ns": np.repeat([frame.timestamp_ns for frame in frames], counts),
-        "detection_id": np.arange(first_detection_id, first_detection_id + sum(counts)),
-        "class_name": pa.array([normalise_class(name) for name in logged], pa.string()),
-        "class_name_logged": pa.array(logged, pa.string()),
-        "score": np.concatenate([frame.scores for frame in frames]),
-        **_box_columns(np.concatenate([frame.boxes for frame in frames])),
-        "frame_id": _repeated([frame.frame_id for frame in frames], counts),
-        **_image_columns(np.concatenate([frame.image_boxes for frame in frames])),
-        "source_row": np.concatenate([frame.source_rows for frame in frames]),
+        "timestamp_ns": np.repeat(batch.timestamp_ns, counts),
+        "detection_id": np.arange(first_detection_id, first_detection_id + len(batch.boxes)),
+        "class_name": _text(names),
+        "class_name_logged": _text(logged),
+        "score": batch.scores,
+        **_box_columns(batch.boxes),
+        "frame_id": _text(frames),
+        **_image_columns(batch.image_boxes),
+        "source_row": batch.source_rows,
     }
     return schema.conform(pa.table(columns), schema.DETECTIONS, "detections")
 
 
-def poses_table(frames: Sequence[Frame], first_frame_index: int) -> pa.Table:
+def poses_table(batch: FrameBatch, first_frame_index: int) -> pa.Table:
     """A table of `schema.POSES` for consecutive frames, a row a frame."""
-    translation_m = np.stack([frame.pose.translation_m for frame in frames])
-    rotation = np.stack([frame.pose.rotation for frame in frames])
+    count = len(batch.timestamp_ns)
+    log_time_ns = pa.nulls(count, pa.int64())
+    if batch.log_time_ns is not None:
+        log_time_ns = pa.array(batch.log_time_ns, pa.int64())
     columns = {
-        "frame_index": np.arange(first_frame_index, first_frame_index + len(frames)),
-        "timestamp_ns": pa.array([frame.timestamp_ns for frame in frames], pa.int64()),
-        "log_time_ns": pa.array([frame.log_time_ns for frame in frames], pa.int64()),
-        **{f"translation_{a}": translation_m[:, i] for i, a in enumerate("xyz")},
-        **{f"rotation_{a}": rotation[:, i] for i, a in enumerate("xyzw")},
-        "origin": pa.array([frame.pose.origin for frame in frames], pa.string()),
-        "frame_id": pa.array([frame.frame_id for frame in frames], pa.string()),
+        "frame_index": np.arange(first_frame_index, first_frame_index + count),
+        "timestamp_ns": batch.timestamp_ns,
+        "log_time_ns": log_time_ns,
+        **{f"translation_{a}": batch.poses.translation_m[:, i] for i, a in enumerate("xyz")},
+        **{f"rotation_{a}": batch.poses.rotation[:, i] for i, a in enumerate("xyzw")},
+        "origin": _text(batch.poses.origins),
+        "frame_id": _text(batch.frame_ids),
     }
     return schema.conform(pa.table(columns), schema.POSES, "poses")
 
 
-def labels_table(labels: Labels) -> pa.Table:
+def labels_table(labels: Labels, taxonomy: Taxonomy) -> pa.Table:
     """A table of `schema.LABELS`."""
-    names = [normalise_class(name) for name in labels.class_names]
+    names = [taxonomy.normalise(name) for name in labels.class_names]
     columns = {
         "frame_index": labels.frame_index,
         "timestamp_ns": labels.timestamp_ns,
@@ -71,7 +73,7 @@ def labels_table(labels: Labels) -> pa.Table:
         "class_name": pa.array(names, pa.string()),
         "class_name_logged": pa.array(labels.class_names, pa.string()),
         **_box_columns(labels.boxes),
-        "frame_id": _repeated([labels.frame_id], [len(names)]),
+        "frame_id": pa.array([labels.frame_id] * len(names), pa.string()),
         **_image_columns(labels.image_boxes),
         "truncation": labels.truncation,
         "occlusion": labels.occlusion,
@@ -91,6 +93,8 @@ def _nan_as_null(values: FloatArray) -> pa.Array:
     return pa.array(np.ascontiguousarray(values), from_pandas=True)
 
 
-def _repeated(names: Sequence[str], counts: Sequence[int]) -> pa.Array:
-    repeated: NDArray[np.object_] = np.repeat(np.array(names, dtype=object), counts)
-    return pa.array(repeated, pa.string())
+def _text(names: Names) -> pa.Array:
+    vocabulary = pa.array(names.vocabulary or ("",), pa.string())
+    return pa.DictionaryArray.from_arrays(pa.array(names.codes, pa.int64()), vocabulary).cast(
+        pa.string()
+    )

@@ -5,13 +5,16 @@ the shortest arc, as slerp does) and carried on past its first and last sample f
 `EXTRAPOLATION_NS`; a static edge holds at all times.
 
 The world is the ancestor of the sensor frame that is named `map`, else `odom`, `world` or `earth`,
-else the root of the tree when something moves on the way to it.
+else the root of the tree when something moves on the way to it; or the one that is asked for.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -29,6 +32,12 @@ WORLD_FRAMES: Final = ("map", "odom", "world", "earth")
 def frame_name(frame_id: str) -> str:
     """A frame id without the leading slash of ROS 1."""
     return frame_id.removeprefix("/")
+
+
+def is_transform(sample: TransformSample) -> bool:
+    """Whether all values of a sample are finite and its quaternion is not zero."""
+    finite = all(map(isfinite, (*sample.translation_m, *sample.rotation)))
+    return finite and any(sample.rotation)
 
 
 @dataclass(frozen=True)
@@ -55,17 +64,18 @@ class _Edge:
     """parent_from_child; static when it was never published as moving."""
 
     moving: bool = False
-    stamps_ns: list[int] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
 
-    def add(self, stamp_ns: int, sample: TransformSample) -> None:
+    def add(self, stamp_ns: int, translation_m: Sequence[float], rotation: Sequence[float]) -> None:
         self.stamps_ns.append(stamp_ns)
-        self.values.append((*sample.translation_m, *sample.rotation))
+        self.values.extend(translation_m)
+        self.values.extend(rotation)
 
     def sorted(self) -> tuple[IntArray, FloatArray, Rotation]:
         """Stamps, translations and rotations in time order, the last said of equal stamps."""
         stamps_ns, first = np.unique(np.array(self.stamps_ns)[::-1], return_index=True)
-        values = np.array(self.values)[::-1][first]
+        values = np.array(self.values).reshape(-1, 7)[::-1][first]
         return stamps_ns, values[:, :3], Rotation.from_quat(values[:, 3:])
 
 
@@ -81,14 +91,45 @@ class TransformTree:
         Returns:
             False when it is no transform: a value is not finite, or the quaternion is zero.
         """
-        values = np.array([*sample.translation_m, *sample.rotation])
-        if not np.isfinite(values).all() or not values[3:].any():
+        if not is_transform(sample):
             return False
         edges = self._parents[frame_name(sample.child)]
         edge = edges.setdefault(frame_name(sample.parent), _Edge())
         edge.moving |= not static
-        edge.add(sample.stamp_ns or log_time_ns, sample)
+        edge.add(sample.stamp_ns or log_time_ns, sample.translation_m, sample.rotation)
         return True
+
+    def hang(
+        self,
+        child: str,
+        parent: str,
+        stamps_ns: IntArray,
+        translation_m: FloatArray,
+        rotation: FloatArray,
+    ) -> None:
+        """Take the pose of a frame in another at many times, joined at the child's static root.
+
+        Static transforms may lead from the child up to a root that other sensors hang from; the
+        edge is made to that root.
+        """
+        root = self.static_root(child)
+        fixed = self.poses(child, root, stamps_ns)
+        root_rotation = Rotation.from_quat(rotation) * Rotation.from_quat(fixed.rotation).inv()
+        root_m = translation_m - root_rotation.apply(fixed.translation_m)
+        edge = self._parents[root].setdefault(frame_name(parent), _Edge(moving=True))
+        for stamp, place, turn in zip(
+            stamps_ns.tolist(), root_m.tolist(), root_rotation.as_quat().tolist(), strict=True
+        ):
+            edge.add(stamp, place, turn)
+
+    def static_root(self, frame: str) -> str:
+        """The topmost frame that static transforms lead to from a frame."""
+        root = frame_name(frame)
+        for name in self._ancestors(root)[1:]:
+            if self._edge(root)[1].moving:
+                break
+            root = name
+        return root
 
     def static_part(self) -> TransformTree:
         """A copy that holds only the edges that never move."""
@@ -112,9 +153,15 @@ class TransformTree:
         """Frames that were given several parents; the one said most often counts."""
         return sorted(child for child, edges in self._parents.items() if len(edges) > 1)
 
-    def world_of(self, frame: str) -> str | None:
+    def edges(self) -> list[tuple[str, str]]:
+        """Each frame with its parent, sorted; of several parents the one that counts."""
+        return sorted((child, self._edge(child)[0]) for child in list(self._parents))
+
+    def world_of(self, frame: str, asked_for: str | None = None) -> str | None:
         """The world above a frame, None when the tree has none for it."""
         ancestors = self._ancestors(frame)
+        if asked_for is not None:
+            return frame_name(asked_for) if frame_name(asked_for) in ancestors else None
         for world in WORLD_FRAMES:
             for name in ancestors:
                 if name.rpartition("/")[2] == world:

@@ -13,7 +13,7 @@ from hbbatch import schema
 from hbbatch.dataset import Dataset
 from hbbatch.errors import DatasetError, ExitStatus, SourceError
 from hbbatch.runner.ingest import IngestReport, ingest
-from hbbatch.sources.base import Frame
+from hbbatch.sources.base import FrameBatch, SourceOptions
 from tests import logs
 from tests.kitti_folders import CAR, calibration_text, write_sequence
 
@@ -98,14 +98,15 @@ def test_sequence_without_any_detection_has_empty_tables_and_all_poses(tmp_path:
 def test_frames_in_several_batches_are_numbered_through(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hbbatch.runner.ingest_tables._BATCH_ROWS", 2)
-    source = write_sequence(tmp_path / "kitti", frames=9)
+    monkeypatch.setattr("hbbatch.sources.detection_store.BATCH_ROWS", 2)
+    source = write_drive(tmp_path / "drive.mcap", 9)
     ingest([source], tmp_path / "small")
     monkeypatch.undo()
     ingest([source], tmp_path / "large")
     small, large = Dataset.open(tmp_path / "small"), Dataset.open(tmp_path / "large")
-    assert small.detections("0000").equals(large.detections("0000"))
-    assert small.poses("0000").equals(large.poses("0000"))
+    assert small.detections("drive").equals(large.detections("drive"))
+    assert small.poses("drive").equals(large.poses("drive"))
+    assert small.poses("drive")["frame_index"].to_pylist() == list(range(9))
     assert small.catalog()["content_hash"] == large.catalog()["content_hash"]
 
 
@@ -166,7 +167,7 @@ def test_other_detections_of_the_same_source_replace_it(tmp_path: Path) -> None:
     (tmp_path / "better").mkdir()
     (tmp_path / "better" / "0000.txt").write_text(f"1 {CAR} 0.5\n")
     ingest([source], tmp_path / "out")
-    report = ingest([source], tmp_path / "out", detections=tmp_path / "better")
+    report = ingest([source], tmp_path / "out", options=SourceOptions(tmp_path / "better"))
     assert statuses(report) == {"0000": "replaced"}
 
 
@@ -251,11 +252,9 @@ def test_failure_in_the_middle_of_a_sequence_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Batches have been written when the reader fails."""
-    monkeypatch.setattr("hbbatch.runner.ingest_tables._BATCH_ROWS", 1)
 
-    def breaking(frames: Iterator[Frame], _: Path) -> Iterator[Frame]:
-        yield next(frames)
-        yield next(frames)
+    def breaking(batches: Iterator[FrameBatch], _: Path) -> Iterator[FrameBatch]:
+        yield next(batches)
         raise SourceError("the disk died")
 
     monkeypatch.setattr("hbbatch.runner.ingest_tables._guarded", breaking)

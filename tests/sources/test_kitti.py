@@ -11,17 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from hbbatch.boxes import FloatArray, corners, transform_boxes
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import Frame, SequenceReading, SourceOptions
+from hbbatch.sources.base import SequenceReading, SourceOptions
 from hbbatch.sources.kitti import KittiSource
+from tests.frames import Frame, frames_of
 from tests.kitti_folders import CAR, calibration_text, oxts_text, write_sequence
 
 
 def read(root: Path, detections: Path | None = None, sequence: int = 0) -> SequenceReading:
-    return KittiSource(root, SourceOptions(detections)).sequences()[sequence].read()
+    [reading] = KittiSource(root, SourceOptions(detections)).sequences()[sequence].read()
+    return reading
 
 
 def frames(root: Path, detections: Path | None = None) -> list[Frame]:
-    return list(read(root, detections).frames)
+    return frames_of(read(root, detections))
 
 
 def test_box_is_moved_from_the_camera_to_a_frame_with_z_up(tmp_path: Path) -> None:
@@ -128,7 +130,7 @@ def test_without_oxts_poses_are_identity_and_that_is_said(tmp_path: Path) -> Non
     root = write_sequence(tmp_path, frames=3)
     (root / "oxts" / "0000.txt").unlink()
     reading = read(root)
-    assert [frame.pose.origin for frame in reading.frames] == ["identity"] * 3
+    assert [frame.pose.origin for frame in frames_of(reading)] == ["identity"] * 3
     [problem] = reading.findings.problems
     assert "oxts" in problem
     assert not reading.findings.partial
@@ -277,8 +279,8 @@ def test_all_training_sequences_are_read_whole(test_data: Path) -> None:
     handles = KittiSource(root, SourceOptions(found)).sequences()
     assert [handle.sequence_id for handle in handles] == [f"{n:04d}" for n in range(21)]
     for handle in handles:
-        reading = handle.read()
-        read_frames = list(reading.frames)
+        [reading] = handle.read()
+        read_frames = frames_of(reading)
         name = f"{handle.sequence_id}.txt"
         assert len(read_frames) == len(_lines(root / "oxts" / name))
         assert sum(len(frame.boxes) for frame in read_frames) == len(_lines(found / name))
@@ -295,10 +297,10 @@ def test_image_sizes_hold_all_image_boxes(test_data: Path) -> None:
         root = test_data / "kitti" / split
         found = test_data / "kitti/detections/pointrcnn" / split
         for handle in KittiSource(root, SourceOptions(found)).sequences():
-            reading = handle.read()
+            [reading] = handle.read()
             assert reading.calibration is not None
             size = (reading.calibration.image_width_px, reading.calibration.image_height_px)
-            boxes = np.concatenate([frame.image_boxes for frame in reading.frames])
+            boxes = np.concatenate([frame.image_boxes for frame in frames_of(reading)])
             edges.setdefault(size, []).append(np.nanmax(boxes[:, 2:], axis=0))
     assert len(edges) == 5
     for size, outermost in edges.items():
@@ -312,10 +314,10 @@ def test_parked_cars_stay_where_they_are(test_data: Path) -> None:
     spreads_m: list[float] = []
     found = test_data / "kitti/detections/virconv/training"
     for handle in KittiSource(test_data / "kitti/training", SourceOptions(found)).sequences():
-        reading = handle.read()
+        [reading] = handle.read()
         if reading.labels is None:
             continue
-        poses = [frame.pose for frame in reading.frames]
+        poses = [frame.pose for frame in frames_of(reading)]
         labels = reading.labels
         cars = (labels.object_id >= 0) & (np.array(labels.class_names) == "Car")
         index = labels.frame_index[cars]
@@ -335,9 +337,9 @@ def test_projected_boxes_lie_on_the_logged_image_boxes(test_data: Path) -> None:
     """Detectors derive the image box from the 3D box, so calibration and boxes must agree."""
     found = test_data / "kitti/detections/virconv/training"
     handle = KittiSource(test_data / "kitti/training", SourceOptions(found)).sequences()[0]
-    reading = handle.read()
+    [reading] = handle.read()
     assert reading.calibration is not None
-    for frame in reading.frames:
+    for frame in frames_of(reading):
         points = corners(frame.boxes)
         image = points @ reading.calibration.image_from_sensor[:, :3].T
         image += reading.calibration.image_from_sensor[:, 3]

@@ -9,10 +9,11 @@ import pytest
 from mcap.writer import CompressionType
 
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import Frame, SequenceReading, SourceOptions
+from hbbatch.sources.base import SequenceReading, SourceOptions
 from hbbatch.sources.detect import open_sources
 from hbbatch.sources.kitti import KittiSource
 from tests import logs
+from tests.frames import Frame, frames_of
 from tests.logs import LogWriter
 
 SECOND = 1_000_000_000
@@ -22,12 +23,13 @@ BOX = (10.0, 2.0, 0.5, 4.0, 2.0, 1.5, 0.3)
 def read(path: Path, *topics: str) -> SequenceReading:
     [source] = open_sources(path, SourceOptions(topics=topics))
     [handle] = source.sequences()
-    return handle.read()
+    [reading] = handle.read()
+    return reading
 
 
 def read_all(path: Path, *topics: str) -> tuple[list[Frame], SequenceReading]:
     reading = read(path, *topics)
-    return list(reading.frames), reading
+    return frames_of(reading), reading
 
 
 def car(score: float = 0.9, box: tuple[float, ...] = BOX) -> object:
@@ -163,7 +165,7 @@ def test_of_several_odometry_topics_the_richest_counts_and_that_is_said(tmp_path
         log.add("/wheels", k, logs.odometry(k * SECOND + 1, "odom", "base_link", (k, 0, 0)))
     [frame], reading = read_all(log.write(tmp_path / "a.mcap"))
     np.testing.assert_allclose(frame.pose.translation_m, [1, 0, 0], atol=1e-6)
-    assert reading.findings.problems == ["several odometry topics, /wheels counts"]
+    assert reading.findings.problems == ["several pose topics (/gps, /wheels), /wheels counts"]
 
 
 def test_without_any_pose_identity_is_recorded_and_said(tmp_path: Path) -> None:
@@ -258,8 +260,8 @@ def test_truncated_file_gives_what_is_whole(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:15_000])
     [source] = open_sources(path, SourceOptions(topics=("/detections",)))
     [handle] = source.sequences()
-    reading = handle.read()
-    frames = list(reading.frames)
+    [reading] = handle.read()
+    frames = frames_of(reading)
     assert 0 < len(frames) < 40
     assert reading.findings.partial
     assert any("ends early" in problem for problem in reading.findings.problems)
@@ -312,8 +314,8 @@ def test_real_detections_come_out_of_a_log_as_they_come_out_of_kitti(
     tmp_path: Path, test_data: Path
 ) -> None:
     found = test_data / "kitti/detections/virconv/training"
-    kitti = KittiSource(test_data / "kitti/training", SourceOptions(found)).sequences()[0].read()
-    expected = list(kitti.frames)[:20]
+    handle = KittiSource(test_data / "kitti/training", SourceOptions(found)).sequences()[0]
+    expected = frames_of(handle.read()[0])[:20]
     log = LogWriter()
     for frame in expected:
         time_ns = frame.timestamp_ns + SECOND

@@ -9,6 +9,7 @@ from tempfile import mkdtemp
 from hbbatch.dataset import Dataset
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.runner.ingest import ingest
+from hbbatch.sources.base import SourceOptions
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
 
 
@@ -17,7 +18,8 @@ def real_dataset(test_data: Path, detector: str = "virconv") -> Dataset:
     """All KITTI training sequences with the detections of one detector."""
     root = Path(mkdtemp(prefix="hbbatch-test-")) / "dataset"
     kitti = test_data / "kitti"
-    ingest([kitti / "training"], root, detections=kitti / "detections" / detector / "training")
+    found = kitti / "detections" / detector / "training"
+    ingest([kitti / "training"], root, options=SourceOptions(found))
     return Dataset.open(root)
 
 

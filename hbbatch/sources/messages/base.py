@@ -1,14 +1,20 @@
-"""What the readers of message types give, and what they share."""
+"""What the readers of message types give, and what they share.
+
+Readers take decoded messages: objects whose fields are attributes, whichever encoding they come
+from. Times are `sec`/`nanosec` in ROS 2, `sec`/`nsec` in JSON and `seconds`/`nanos` in protobuf.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hbbatch.boxes import FloatArray
+
+NAN: Final = float("nan")
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,8 @@ class DetectionMessage:
         boxes: `(n, 7)` in that frame, convention of `hbbatch.boxes`.
         scores: `(n,)` as logged, NaN where the message gives none.
         class_names: n names.
+        foreign: boxes of the message that are in another frame than the others, left out.
+        unsure_yaws: boxes whose yaw the sender marks as unknown or possibly off by π.
     """
 
     stamp_ns: int
@@ -28,6 +36,28 @@ class DetectionMessage:
     boxes: FloatArray
     scores: FloatArray
     class_names: Sequence[str]
+    foreign: int = 0
+    unsure_yaws: int = 0
+
+
+class Item(NamedTuple):
+    """One detected object of a message.
+
+    Attributes:
+        position_m: centre x, y, z.
+        size_m: length, width, height.
+        rotation: quaternion x, y, z, w of any length.
+        score: NaN where there is none.
+        class_name: as written.
+        frame_id: empty where the object names no frame of its own.
+    """
+
+    position_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+    rotation: tuple[float, float, float, float]
+    score: float
+    class_name: str
+    frame_id: str = ""
 
 
 @dataclass(frozen=True)
@@ -36,7 +66,7 @@ class TransformSample:
 
     Attributes:
         parent: frame id as written.
-        child: frame id as written.
+        child: frame id as written; empty where the message does not say what the pose is of.
         stamp_ns: header stamp, 0 when unset.
         translation_m: three numbers.
         rotation: quaternion x, y, z, w, not necessarily of unit length.
@@ -49,9 +79,49 @@ class TransformSample:
     rotation: tuple[float, float, float, float]
 
 
+def detection_message(
+    stamp: int, frame_id: str, items: Iterable[Item], unsure_yaws: int = 0
+) -> DetectionMessage:
+    """Objects of one frame: the message's, else that of the first object that names one."""
+    listed = list(items)
+    frame = frame_id or next((item.frame_id for item in listed if item.frame_id), "")
+    kept = [item for item in listed if item.frame_id in {"", frame}]
+    rows = [(*item.position_m, *item.size_m, *item.rotation) for item in kept]
+    values = np.array(rows, dtype=np.float64).reshape(-1, 10)
+    return DetectionMessage(
+        stamp_ns=stamp,
+        frame_id=frame,
+        boxes=np.column_stack([values[:, :6], quaternion_yaw(values[:, 6:])]),
+        scores=np.array([item.score for item in kept], dtype=np.float64),
+        class_names=[item.class_name for item in kept],
+        foreign=len(listed) - len(kept),
+        unsure_yaws=unsure_yaws,
+    )
+
+
 def stamp_ns(stamp: Any) -> int:
-    """A builtin_interfaces/Time in nanoseconds."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    """A time or duration in nanoseconds; damaged ones must still fit 64 bits."""
+    seconds = stamp.sec if hasattr(stamp, "sec") else stamp.seconds
+    for name in ("nanosec", "nsec", "nanos"):
+        if hasattr(stamp, name):
+            total = int(seconds) * 1_000_000_000 + int(getattr(stamp, name))
+            return total if 0 <= total < 2**63 else 0
+    raise AttributeError("a time without nanoseconds")
+
+
+def xyz(vector: Any) -> tuple[float, float, float]:
+    """A point or vector."""
+    return (vector.x, vector.y, vector.z)
+
+
+def xyzw(quaternion: Any) -> tuple[float, float, float, float]:
+    """A quaternion."""
+    return (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
+
+
+def about_z(yaw: float) -> tuple[float, float, float, float]:
+    """The quaternion of a turn about z."""
+    return (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
 
 def quaternion_yaw(rotation: FloatArray) -> FloatArray:

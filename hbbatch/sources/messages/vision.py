@@ -1,13 +1,18 @@
-"""vision_msgs (ROS 2, Galactic on)."""
+"""vision_msgs: ROS 2 from Galactic on, ROS 2 Foxy, and ROS 1."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from hbbatch.boxes import FloatArray
-from hbbatch.sources.messages.base import DetectionMessage, quaternion_yaw, stamp_ns
+from hbbatch.sources.messages.base import (
+    NAN,
+    DetectionMessage,
+    Item,
+    detection_message,
+    stamp_ns,
+    xyz,
+    xyzw,
+)
 
 
 def detection_3d_array(message: Any) -> DetectionMessage:
@@ -16,30 +21,26 @@ def detection_3d_array(message: Any) -> DetectionMessage:
     Score and class are those of the hypothesis that scores highest. Where the array's header names
     no frame, that of the first detection counts.
     """
-    detections = message.detections
-    frame_id = message.header.frame_id
-    if not frame_id and len(detections):
-        frame_id = detections[0].header.frame_id
-    best = [_best_hypothesis(detection.results) for detection in detections]
-    return DetectionMessage(
-        stamp_ns=stamp_ns(message.header.stamp),
-        frame_id=frame_id,
-        boxes=_boxes([_pose_and_size(detection.bbox) for detection in detections]),
-        scores=np.array([score for score, _ in best], dtype=np.float64),
-        class_names=[name for _, name in best],
+    items = [_item(detection) for detection in message.detections]
+    return detection_message(stamp_ns(message.header.stamp), message.header.frame_id, items)
+
+
+def _item(detection: Any) -> Item:
+    hypotheses = [_hypothesis(result) for result in detection.results]
+    score, name = max(hypotheses, key=lambda hypothesis: hypothesis[0], default=(NAN, ""))
+    centre = detection.bbox.center
+    return Item(
+        position_m=xyz(centre.position),
+        size_m=xyz(detection.bbox.size),
+        rotation=xyzw(centre.orientation),
+        score=score,
+        class_name=name,
+        frame_id=detection.header.frame_id,
     )
 
 
-def _best_hypothesis(results: Any) -> tuple[float, str]:
-    hypotheses = [(result.hypothesis.score, result.hypothesis.class_id) for result in results]
-    return max(hypotheses, key=lambda hypothesis: hypothesis[0], default=(float("nan"), ""))
-
-
-def _pose_and_size(bbox: Any) -> tuple[float, ...]:
-    centre, q, size = bbox.center.position, bbox.center.orientation, bbox.size
-    return (centre.x, centre.y, centre.z, size.x, size.y, size.z, q.x, q.y, q.z, q.w)
-
-
-def _boxes(rows: list[tuple[float, ...]]) -> FloatArray:
-    values = np.array(rows, dtype=np.float64).reshape(-1, 10)
-    return np.column_stack([values[:, :6], quaternion_yaw(values[:, 6:])])
+def _hypothesis(result: Any) -> tuple[float, str]:
+    """Score and class; before Galactic they lie in the result itself, in ROS 1 as a number."""
+    if hasattr(result, "hypothesis"):
+        return result.hypothesis.score, result.hypothesis.class_id
+    return result.score, str(result.id)

@@ -1,0 +1,203 @@
+"""One recording of a source brought up to date in a dataset; runs in any process."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+from hbbatch import schema
+from hbbatch.dataset import Dataset
+from hbbatch.dataset.store import check_name
+from hbbatch.errors import SequenceError, SourceError, UsageError
+from hbbatch.runner.ingest_tables import write_sequence
+from hbbatch.sources.base import SequenceHandle, source_errors
+from hbbatch.sources.classes import load_taxonomy
+
+INGEST_VERSION: Final = 2
+"""Raised when the same source would give other tables, so that it is read again."""
+
+
+class IngestStatus(StrEnum):
+    """What happened to a sequence."""
+
+    INGESTED = "ingested"
+    REPLACED = "replaced"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class SequenceOutcome:
+    """What happened to one sequence.
+
+    Attributes:
+        sequence_id: its name.
+        source: the file or folder it is in.
+        status: what happened.
+        seconds: how long it took.
+        row: its catalogue row; None when it failed.
+        error: why it failed.
+    """
+
+    sequence_id: str
+    source: Path
+    status: IngestStatus
+    seconds: float
+    row: dict[str, Any] | None = None
+    error: str | None = None
+
+    @property
+    def partial(self) -> bool:
+        """Whether the source was damaged and part of it is lost."""
+        return self.row is not None and bool(self.row["partial"])
+
+    @property
+    def problems(self) -> list[str]:
+        """What was odd in the source."""
+        return [] if self.row is None else list(self.row["problems"])
+
+
+@dataclass(frozen=True)
+class IngestTask:
+    """A recording to bring up to date.
+
+    Attributes:
+        dataset: where to.
+        source: file or folder it is in.
+        source_format: name of its format.
+        handle: the recording.
+        former: its rows of the catalogue.
+        classes: file that extends the table of class names.
+        force: whether to read it although it has not changed, or to replace another source's.
+        taken_by: source of the same command that gives a sequence of the same name.
+    """
+
+    dataset: Dataset
+    source: Path
+    source_format: str
+    handle: SequenceHandle
+    former: Sequence[dict[str, Any]]
+    classes: Path | None
+    force: bool
+    taken_by: Path | None
+
+
+@dataclass
+class Brought:
+    """What became of a task.
+
+    Attributes:
+        outcomes: one a sequence.
+        rows: catalogue rows that are new.
+        gone: sequences of former rows that the recording does not give any more.
+    """
+
+    outcomes: list[SequenceOutcome] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    gone: list[str] = field(default_factory=list)
+
+
+def bring_up_to_date(task: IngestTask) -> Brought:
+    """Read a recording if it is new or has changed, and write its tables.
+
+    The catalogue is left to the caller. A recording that fails leaves its former tables.
+
+    Raises:
+        DatasetError: the dataset cannot be written.
+    """
+    started = time.perf_counter()
+    name = task.handle.sequence_id
+    try:
+        with source_errors(task.source):
+            check_name(name, f"{task.source}: sequence")
+            source_hash = _source_hash(task)
+            _check_owner(task, source_hash)
+            same = [row for row in task.former if row["source_hash"] == source_hash]
+            if same and not task.force:
+                seconds = time.perf_counter() - started
+                unchanged = IngestStatus.UNCHANGED
+                return Brought([_outcome(task, unchanged, row, seconds) for row in same])
+            return _write(task, source_hash)
+    except (SourceError, SequenceError, UsageError) as failure:
+        kept = " The dataset keeps what it had of this sequence." if task.former else ""
+        seconds = time.perf_counter() - started
+        error = f"{failure}{kept}"
+        failed = SequenceOutcome(name, task.source, IngestStatus.FAILED, seconds, None, error)
+        return Brought([failed])
+
+
+def _outcome(
+    task: IngestTask, status: IngestStatus, row: dict[str, Any], seconds: float
+) -> SequenceOutcome:
+    return SequenceOutcome(row["sequence_id"], task.source, status, seconds, row)
+
+
+def _write(task: IngestTask, source_hash: str) -> Brought:
+    """Write the tables of all sequences of a recording; all of them or none that is new."""
+    taxonomy = load_taxonomy(task.classes)
+    former = {row["sequence_id"] for row in task.former}
+    brought = Brought()
+    started = time.perf_counter()
+    try:
+        for reading in task.handle.read():
+            row = {
+                "source": str(task.source.resolve()),
+                "source_format": task.source_format,
+                "source_hash": source_hash,
+                **write_sequence(task.dataset, task.source, reading, taxonomy),
+            }
+            brought.rows.append(row)
+            status = (
+                IngestStatus.REPLACED if row["sequence_id"] in former else IngestStatus.INGESTED
+            )
+            ended = time.perf_counter()
+            brought.outcomes.append(_outcome(task, status, row, ended - started))
+            started = ended
+    except (SourceError, SequenceError, OSError):
+        for row in brought.rows:
+            if row["sequence_id"] not in former:
+                task.dataset.drop_sequence(row["sequence_id"])
+        raise
+    brought.gone = sorted(former - {row["sequence_id"] for row in brought.rows})
+    return brought
+
+
+def _source_hash(task: IngestTask) -> str:
+    classes = hashlib.sha256(task.classes.read_bytes()).hexdigest() if task.classes else None
+    parts = (
+        INGEST_VERSION,
+        schema.FORMAT_VERSION,
+        task.source_format,
+        task.handle.fingerprint(),
+        classes,
+    )
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def _check_owner(task: IngestTask, source_hash: str) -> None:
+    """Refuse a sequence whose name another source has taken.
+
+    Raises:
+        SequenceError: in this command or, unless forced, in an earlier one.
+    """
+    name, path = task.handle.sequence_id, task.source.resolve()
+    if task.taken_by is not None:
+        raise SequenceError(
+            f"{task.source}: sequence {name} is also in {task.taken_by}. Ingest one of them "
+            "into another dataset (--dataset)."
+        )
+    others = [
+        row
+        for row in task.former
+        if row["source"] != str(path) and row["source_hash"] != source_hash
+    ]
+    if others and not task.force:
+        raise SequenceError(
+            f"{task.source}: the dataset has a sequence {others[0]['sequence_id']} already, from "
+            f"{others[0]['source']}. Use another dataset (--dataset), or --force to replace it."
+        )

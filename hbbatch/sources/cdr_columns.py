@@ -1,0 +1,235 @@
+"""Direct walks for the types that make up most of what is decoded.
+
+Each gives what the reader of the same type in `messages` gives, for a whole batch; a batch that it
+is not for (another layout of the type, a rare case) is refused and read message by message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from rosbags.typesys.store import Typestore
+
+from hbbatch.boxes import FloatArray
+from hbbatch.sources.base import IntArray, Names
+from hbbatch.sources.cdr_walk import CdrWalk, Columns, WalkRefusedError
+from hbbatch.sources.columns import DetectionColumns
+from hbbatch.sources.messages import TransformSample
+from hbbatch.sources.messages.autoware import label_name
+from hbbatch.sources.messages.base import quaternion_yaw
+
+ReadDetectionColumns = Callable[[Sequence[bytes]], DetectionColumns]
+ReadTransformColumns = Callable[[Sequence[bytes]], list[list[TransformSample]]]
+
+_STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
+_FRAME: Final = "header.frame_id"
+_POLYGON: Final = 2
+_AVAILABLE: Final = 2
+
+
+def _pose(prefix: str, position: str = "position", rotation: str = "orientation") -> list[str]:
+    places = [f"{prefix}.{position}.{axis}" for axis in "xyz"]
+    return places + [f"{prefix}.{rotation}.{axis}" for axis in "xyzw"]
+
+
+def _vector(prefix: str) -> list[str]:
+    return [f"{prefix}.{axis}" for axis in "xyz"]
+
+
+def detection_3d_array(store: Typestore, kind: str) -> ReadDetectionColumns:
+    """vision_msgs/Detection3DArray of ROS 2, from Galactic on or before.
+
+    Raises:
+        WalkRefusedError: the definition is another one.
+    """
+    one = "detections[]"
+    pose, size = _pose(f"{one}.bbox.center"), _vector(f"{one}.bbox.size")
+    inner = f"{one}.header.frame_id"
+    common = [*_STAMP, _FRAME, *pose, *size, inner]
+    galactic = (f"{one}.results[].hypothesis.score", f"{one}.results[].hypothesis.class_id")
+    foxy = (f"{one}.results[].score", f"{one}.results[].id")
+    try:
+        walk, (score, name) = CdrWalk(store, kind, [*common, *galactic]), galactic
+    except WalkRefusedError:
+        walk, (score, name) = CdrWalk(store, kind, [*common, *foxy]), foxy
+
+    def read(messages: Sequence[bytes]) -> DetectionColumns:
+        columns = walk.read(messages)
+        counts = columns.counts["detections"]
+        frames = columns.texts[_FRAME]
+        total = int(counts.sum())
+        if total:
+            _refuse_other_frames(frames, columns.texts[inner], counts)
+        scores, names = _best(columns, score, name, f"{one}.results", total)
+        return DetectionColumns(
+            stamp_ns=_stamps(columns, _STAMP),
+            frame_ids=frames,
+            box_counts=counts,
+            boxes=_boxes(columns, pose, size, total),
+            scores=scores,
+            class_names=names,
+        )
+
+    return read
+
+
+def autoware_objects(store: Typestore, kind: str) -> ReadDetectionColumns:
+    """Autoware's DetectedObjects and TrackedObjects; batches with polygons are refused.
+
+    Raises:
+        WalkRefusedError: the definition is another one.
+    """
+    one = "objects[]"
+    pose = _pose(f"{one}.kinematics.pose_with_covariance.pose")
+    size, shape = _vector(f"{one}.shape.dimensions"), f"{one}.shape.type"
+    existence = f"{one}.existence_probability"
+    available = f"{one}.kinematics.orientation_availability"
+    score, label = f"{one}.classification[].probability", f"{one}.classification[].label"
+    wanted = [*_STAMP, _FRAME, *pose, *size, shape, existence, available, score, label]
+    walk = CdrWalk(store, kind, wanted)
+
+    def read(messages: Sequence[bytes]) -> DetectionColumns:
+        columns = walk.read(messages)
+        counts = columns.counts["objects"]
+        total = int(counts.sum())
+        if total and (columns.numbers[shape] == _POLYGON).any():
+            raise WalkRefusedError("a polygon")
+        labels, codes = _best_labels(columns, score, label, f"{one}.classification", total)
+        return DetectionColumns(
+            stamp_ns=_stamps(columns, _STAMP),
+            frame_ids=columns.texts[_FRAME],
+            box_counts=counts,
+            boxes=_boxes(columns, pose, size, total),
+            scores=columns.numbers[existence].astype(np.float64) if total else np.zeros(0),
+            class_names=Names(codes, labels),
+            unsure_yaws=int((columns.numbers[available] != _AVAILABLE).sum()) if total else 0,
+        )
+
+    return read
+
+
+def tf_message(store: Typestore, kind: str) -> ReadTransformColumns:
+    """tf2_msgs/TFMessage.
+
+    Raises:
+        WalkRefusedError: the definition is another one.
+    """
+    one = "transforms[]"
+    stamp = tuple(f"{one}.{part}" for part in _STAMP)
+    values = _pose(f"{one}.transform", "translation", "rotation")
+    parent, child = f"{one}.{_FRAME}", f"{one}.child_frame_id"
+    walk = CdrWalk(store, kind, [*stamp, *values, parent, child])
+
+    def read(messages: Sequence[bytes]) -> list[list[TransformSample]]:
+        columns = walk.read(messages)
+        counts = columns.counts["transforms"].tolist()
+        samples = _samples(columns, stamp, values, parent, child) if sum(counts) else iter(())
+        return [[next(samples) for _ in range(count)] for count in counts]
+
+    return read
+
+
+def odometry(store: Typestore, kind: str) -> ReadTransformColumns:
+    """nav_msgs/Odometry.
+
+    Raises:
+        WalkRefusedError: the definition is another one.
+    """
+    values = _pose("pose.pose")
+    walk = CdrWalk(store, kind, [*_STAMP, _FRAME, "child_frame_id", *values])
+
+    def read(messages: Sequence[bytes]) -> list[list[TransformSample]]:
+        columns = walk.read(messages)
+        return [[s] for s in _samples(columns, _STAMP, values, _FRAME, "child_frame_id")]
+
+    return read
+
+
+def _stamps(columns: Columns, paths: Sequence[str]) -> IntArray:
+    seconds, nanoseconds = (columns.numbers[path].astype(np.int64) for path in paths)
+    total = seconds * 1_000_000_000 + nanoseconds
+    return np.where(total >= 0, total, 0)
+
+
+def _boxes(columns: Columns, pose: list[str], size: list[str], total: int) -> FloatArray:
+    if not total:
+        return np.zeros((0, 7))
+    values = columns.stack(pose)
+    return np.column_stack([values[:, :3], columns.stack(size), quaternion_yaw(values[:, 3:])])
+
+
+def _refuse_other_frames(frames: Names, inner: Names, counts: IntArray) -> None:
+    """Refuse messages without frame, and objects that name another one than their message."""
+    outer = np.repeat(np.array(frames.vocabulary, dtype=object)[frames.codes], counts)
+    own = np.array(inner.vocabulary, dtype=object)[inner.codes]
+    if ((own != "") & (own != outer)).any():
+        raise WalkRefusedError("several frames in a message")
+
+
+def _best_rows(columns: Columns, score: str, sequence: str) -> tuple[IntArray, IntArray]:
+    """Of each object that has hypotheses its number, and the row of the one that scores highest."""
+    if score not in columns.numbers:
+        nothing = np.zeros(0, dtype=np.int64)
+        return nothing, nothing
+    scores, owners = columns.numbers[score], columns.parents[sequence]
+    if np.isnan(scores).any():
+        raise WalkRefusedError("a score that is no number")
+    order = np.lexsort((-scores, owners))
+    first = np.flatnonzero(np.diff(owners[order], prepend=-1))
+    return owners[order][first], order[first]
+
+
+def _best(
+    columns: Columns, score: str, name: str, sequence: str, total: int
+) -> tuple[FloatArray, Names]:
+    """Score and class of the best hypothesis of each object; NaN and empty where it has none."""
+    objects, rows = _best_rows(columns, score, sequence)
+    scores = np.full(total, np.nan)
+    codes = np.zeros(total, dtype=np.int64)
+    if not len(objects):
+        return scores, Names(codes, ("",))
+    scores[objects] = columns.numbers[score][rows]
+    names = columns.texts[name]
+    codes[objects] = names.codes[rows] + 1
+    return scores, Names(codes, ("", *names.vocabulary))
+
+
+def _best_labels(
+    columns: Columns, score: str, label: str, sequence: str, total: int
+) -> tuple[tuple[str, ...], IntArray]:
+    """The label of highest probability of each object, as names and codes."""
+    objects, rows = _best_rows(columns, score, sequence)
+    codes = np.zeros(total, dtype=np.int64)
+    if len(objects):
+        codes[objects] = columns.numbers[label][rows].astype(np.int64) + 1
+    return (label_name(None), *(label_name(number) for number in range(256))), codes
+
+
+def _samples(
+    columns: Columns, stamp: Sequence[str], values: list[str], parent: str, child: str
+) -> Iterator[TransformSample]:
+    rows = zip(
+        columns.texts[parent].to_list(),
+        columns.texts[child].to_list(),
+        _stamps(columns, stamp).tolist(),
+        columns.stack(values).tolist(),
+        strict=True,
+    )
+    for parent_name, child_name, stamp_ns, (x, y, z, qx, qy, qz, qw) in rows:
+        yield TransformSample(parent_name, child_name, stamp_ns, (x, y, z), (qx, qy, qz, qw))
+
+
+DETECTION_WALKS: Final[dict[str, Callable[[Typestore, str], ReadDetectionColumns]]] = {
+    "vision_msgs/msg/Detection3DArray": detection_3d_array,
+    **{
+        f"{package}/msg/{name}": autoware_objects
+        for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
+        for name in ("DetectedObjects", "TrackedObjects")
+    },
+}
+TRANSFORM_WALKS: Final[dict[str, Callable[[Typestore, str], ReadTransformColumns]]] = {
+    "tf2_msgs/msg/TFMessage": tf_message,
+    "nav_msgs/msg/Odometry": odometry,
+}

@@ -1,0 +1,369 @@
+"""Chosen fields of many CDR messages at once, without making an object of any message.
+
+The walk is compiled from the definition that the log embeds, so it holds for exactly that layout.
+It steps all messages of a batch together: where one message has a string, all have one, and their
+lengths are one gather from the buffer. A message that does not fit makes the walk refuse the whole
+batch, which is then read message by message.
+
+CDR: plain, little endian, alignment relative to the byte behind the four of the encapsulation
+(OMG DDSI-RTPS, version 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+from hbbatch.sources.base import IntArray, Names
+
+_DTYPES: Final = {
+    "bool": "u1",
+    "byte": "u1",
+    "octet": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
+_HEAD: Final = 4
+_WIDEST: Final = 8
+_LONGEST_TEXT: Final = 256
+_MOST_ELEMENTS: Final = 4096
+_TEXT: Final = "text"
+
+
+class WalkRefusedError(Exception):
+    """The walk is not for these messages, or the definition lacks a field."""
+
+
+@dataclass
+class _Take:
+    """Numbers of one type that lie side by side, and the paths they are wanted for."""
+
+    dtype: str
+    paths: list[str]
+
+
+@dataclass
+class _Skip:
+    """A fixed number of bytes."""
+
+    count: int
+
+
+@dataclass
+class _Align:
+    """Forward to a multiple."""
+
+    to: int
+
+
+@dataclass
+class _Text:
+    """A string; the path is empty when it is not wanted."""
+
+    path: str
+
+
+@dataclass
+class _Repeat:
+    """A sequence of anything; numbers side by side are passed over at once."""
+
+    path: str
+    steps: list[Any] = field(default_factory=list)
+    align: int = 1
+    item_bytes: int = 0
+
+
+class _Compiler:
+    """Definition to steps; keeps what is known of the alignment, to merge steps."""
+
+    def __init__(self, store: Typestore, wanted: frozenset[str]) -> None:
+        self._store, self._wanted = store, wanted
+        self._modulus, self._remainder = _WIDEST, 0
+        self.found: set[str] = set()
+
+    def struct(self, kind: str, prefix: str, steps: list[Any]) -> None:
+        for name, (node, argument) in self._store.fielddefs[kind][1]:
+            self._field(node, argument, f"{prefix}{name}", steps)
+
+    def _field(self, node: Any, argument: Any, path: str, steps: list[Any]) -> None:
+        if node == Nodetype.NAME:
+            self.struct(argument, f"{path}.", steps)
+        elif node == Nodetype.BASE:
+            self._base(argument[0], path, steps)
+        elif node == Nodetype.ARRAY:
+            (inner, inner_argument), count = argument
+            for _ in range(count):
+                self._field(inner, inner_argument, f"{path}[]", steps)
+        else:
+            self._sequence(argument[0], path, steps)
+
+    def _base(self, kind: str, path: str, steps: list[Any]) -> None:
+        if kind in {"string", "wstring"}:
+            if kind == "wstring":
+                raise WalkRefusedError("wide strings")
+            self._to(4, steps)
+            wanted = path in self._wanted
+            self.found |= {path} if wanted else set()
+            steps.append(_Text(path if wanted else ""))
+            self._modulus, self._remainder = 1, 0
+            return
+        if kind not in _DTYPES:
+            raise WalkRefusedError(f"numbers of type {kind}")
+        dtype = _DTYPES[kind]
+        size = int(dtype[1])
+        self._to(size, steps)
+        if path in self._wanted:
+            self.found.add(path)
+            last = steps[-1] if steps else None
+            if isinstance(last, _Take) and last.dtype == dtype:
+                last.paths.append(path)
+            else:
+                steps.append(_Take(dtype, [path]))
+        else:
+            self._skip(size, steps)
+        self._remainder = (self._remainder + size) % self._modulus
+
+    def _sequence(self, item: Any, path: str, steps: list[Any]) -> None:
+        self._to(4, steps)
+        node, argument = item
+        repeat = _Repeat(path)
+        if node == Nodetype.BASE and argument[0] in _DTYPES:
+            size = int(_DTYPES[argument[0]][1])
+            repeat.align, repeat.item_bytes = size, size
+        else:
+            # The first element may lie anywhere that the ones before leave it.
+            self._modulus, self._remainder = 1, 0
+            self._field(node, argument, f"{path}[]", repeat.steps)
+        steps.append(repeat)
+        self._modulus, self._remainder = 1, 0
+
+    def _to(self, multiple: int, steps: list[Any]) -> None:
+        if self._modulus >= multiple:
+            self._skip(-self._remainder % multiple, steps)
+            self._remainder += -self._remainder % multiple
+        else:
+            steps.append(_Align(multiple))
+            self._modulus, self._remainder = multiple, 0
+
+    @staticmethod
+    def _skip(count: int, steps: list[Any]) -> None:
+        if not count:
+            return
+        if steps and isinstance(steps[-1], _Skip):
+            steps[-1].count += count
+        else:
+            steps.append(_Skip(count))
+
+
+@dataclass
+class Columns:
+    """Fields of a batch of messages.
+
+    Attributes:
+        counts: by path of a sequence, elements a parent; parents are messages or elements.
+        numbers: by path, a value a message or element, in order.
+        texts: by path, a text a message or element, in order.
+        parents: by path of a sequence within a sequence, the parent of each element.
+    """
+
+    counts: dict[str, IntArray]
+    numbers: dict[str, NDArray[Any]]
+    texts: dict[str, Names]
+    parents: dict[str, IntArray]
+
+    def stack(self, paths: Sequence[str]) -> NDArray[np.float64]:
+        """Several numeric columns side by side, `(n, len(paths))`."""
+        return np.column_stack([self.numbers[path] for path in paths]).astype(np.float64)
+
+
+class CdrWalk:
+    """The walk for one message type and a choice of its fields."""
+
+    def __init__(self, store: Typestore, kind: str, wanted: Sequence[str]) -> None:
+        """Compile.
+
+        Args:
+            store: holds the definition.
+            kind: type of the messages.
+            wanted: paths such as `header.frame_id` or `detections[].bbox.size.x`.
+
+        Raises:
+            WalkRefusedError: a field is not there, or the definition holds what CDR walks do not.
+        """
+        compiler = _Compiler(store, frozenset(wanted))
+        self._steps: list[Any] = []
+        compiler.struct(kind, "", self._steps)
+        missing = set(wanted) - compiler.found
+        if missing:
+            raise WalkRefusedError(f"no field {', '.join(sorted(missing))}")
+
+    def read(self, messages: Sequence[bytes]) -> Columns:
+        """The chosen fields of messages.
+
+        Raises:
+            WalkRefusedError: not all of them are as the definition says.
+        """
+        buffer = _Buffer(messages)
+        run = _Run(buffer)
+        end = run.steps(self._steps, buffer.starts.copy(), np.arange(len(messages)))
+        left = buffer.ends - end
+        if ((left < 0) | (left >= _HEAD)).any():
+            raise WalkRefusedError("the size differs")
+        return run.columns(len(messages))
+
+
+class _Buffer:
+    """Messages laid out so that what is aligned within them is aligned in the buffer."""
+
+    def __init__(self, messages: Sequence[bytes]) -> None:
+        sizes = np.array([len(message) for message in messages])
+        if not len(sizes) or sizes.min() < _HEAD:
+            raise WalkRefusedError("no encapsulation")
+        parts: list[bytes] = []
+        places: list[int] = []
+        position = 0
+        for message in messages:
+            places.append(position + _WIDEST)
+            gap = -(len(message) - _HEAD) % _WIDEST
+            parts += (b"\0\0\0\0", message, b"\0" * gap)
+            position += _HEAD + len(message) + gap
+        parts.append(b"\0" * (_LONGEST_TEXT + 2 * _WIDEST + -position % _WIDEST))
+        joined = b"".join(parts)
+        self.starts: IntArray = np.array(places, dtype=np.int64)
+        self.ends: IntArray = self.starts + sizes - _HEAD
+        self.views = {kind: np.frombuffer(joined, f"<{kind}") for kind in set(_DTYPES.values())}
+        heads = self.views["u4"][(self.starts - _HEAD) >> 2]
+        if ((heads & 0xFFFF) != 0x0100).any():
+            raise WalkRefusedError("not plain little endian CDR")
+        self.limit = len(joined)
+
+
+class _Run:
+    """One batch on its way through the steps."""
+
+    def __init__(self, buffer: _Buffer) -> None:
+        self._buffer = buffer
+        self._numbers: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._texts: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
+        self._counts: dict[str, list[tuple[IntArray, IntArray]]] = {}
+
+    def steps(self, steps: Sequence[Any], position: IntArray, owner: IntArray) -> IntArray:
+        """Take steps with all of a group; `owner` says which message or element each is."""
+        for step in steps:
+            if isinstance(step, _Take):
+                position = self._take(step, position, owner)
+            elif isinstance(step, _Skip):
+                position = position + step.count
+            elif isinstance(step, _Align):
+                position = (position + (step.to - 1)) & -step.to
+            elif isinstance(step, _Text):
+                position = self._text(step, position, owner)
+            else:
+                position = self._repeat(step, position, owner)
+        return position
+
+    def _within(self, position: IntArray, size: int) -> None:
+        if len(position) and int(position.max()) + size > self._buffer.limit:
+            raise WalkRefusedError("reaches beyond the messages")
+
+    def _take(self, step: _Take, position: IntArray, owner: IntArray) -> IntArray:
+        size, count = int(step.dtype[1]), len(step.paths)
+        self._within(position, size * count)
+        first = position >> (size.bit_length() - 1)
+        values = self._buffer.views[step.dtype][first[:, None] + np.arange(count)]
+        for column, path in enumerate(step.paths):
+            self._numbers.setdefault(path, []).append((owner, values[:, column]))
+        return position + size * count
+
+    def _length(self, position: IntArray) -> IntArray:
+        self._within(position, 4)
+        lengths: IntArray = self._buffer.views["u4"][position >> 2].astype(np.int64)
+        return lengths
+
+    def _text(self, step: _Text, position: IntArray, owner: IntArray) -> IntArray:
+        length = self._length(position)
+        if step.path:
+            self._texts.setdefault(step.path, []).append((owner, position + 4, length))
+        return position + 4 + length
+
+    def _repeat(self, step: _Repeat, position: IntArray, owner: IntArray) -> IntArray:
+        counts, position = self._length(position), position + 4
+        if step.item_bytes:
+            aligned = (position + (step.align - 1)) & -step.align
+            return np.where(counts > 0, aligned + counts * step.item_bytes, position)
+        most = int(counts.max(initial=0))
+        if most > _MOST_ELEMENTS:
+            raise WalkRefusedError("too many elements")
+        self._counts.setdefault(step.path, []).append((owner, counts))
+        # Elements of a sequence of messages are numbered through; those of a sequence within a
+        # sequence carry the number of their parent.
+        first = np.cumsum(counts) - counts
+        nested = "[]" in step.path
+        for turn in range(most):
+            active = np.flatnonzero(counts > turn)
+            names = owner[active] if nested else first[active] + turn
+            position[active] = self.steps(step.steps, position[active], names)
+        return position
+
+    def columns(self, messages: int) -> Columns:
+        """What was taken, in order."""
+        counts = {path: _in_order(pieces)[1] for path, pieces in self._counts.items()}
+        for path in [path for path in counts if "[]" not in path]:
+            if len(counts[path]) != messages:
+                raise WalkRefusedError("a sequence within a fixed array")
+        numbers, parents = {}, {}
+        for path, pieces in self._numbers.items():
+            owners, numbers[path] = _in_order(pieces)
+            parents[path.rpartition("[]")[0]] = owners
+        texts = {path: self._names(pieces, parents, path) for path, pieces in self._texts.items()}
+        return Columns(counts, numbers, texts, parents)
+
+    def _names(
+        self,
+        pieces: list[tuple[IntArray, IntArray, IntArray]],
+        parents: dict[str, IntArray],
+        path: str,
+    ) -> Names:
+        places = [(owner, np.stack([start, length], axis=1)) for owner, start, length in pieces]
+        owners, ordered = _in_order(places)
+        parents.setdefault(path.rpartition("[]")[0], owners)
+        start, length = ordered[:, 0], ordered[:, 1]
+        longest = int(length.max(initial=1))
+        if longest > _LONGEST_TEXT:
+            raise WalkRefusedError("a long text")
+        words = max(-(-longest // _HEAD), 1)
+        self._within(start, words * _HEAD)
+        letters = self._buffer.views["u4"][(start >> 2)[:, None] + np.arange(words)]
+        letters = np.ascontiguousarray(letters).view("u1")
+        letters[np.arange(words * _HEAD) >= (length - 1)[:, None]] = 0
+        spelled, codes = np.unique(letters.view(f"S{words * _HEAD}").ravel(), return_inverse=True)
+        try:
+            vocabulary = tuple(word.decode() for word in spelled.tolist())
+        except UnicodeDecodeError as error:
+            raise WalkRefusedError("a text is not UTF-8") from error
+        return Names(codes.astype(np.int64), vocabulary)
+
+
+def _in_order(pieces: list[tuple[IntArray, Any]]) -> tuple[IntArray, NDArray[Any]]:
+    """Pieces joined and sorted by owner; what one owner has keeps its order."""
+    owners = np.concatenate([owner for owner, _ in pieces])
+    values = np.concatenate([value for _, value in pieces])
+    if len(pieces) == 1 and (np.diff(owners) >= 0).all():
+        return owners, values
+    order = np.argsort(owners, kind="stable")
+    return owners[order], values[order]
