@@ -67,6 +67,11 @@ class DampingSettings(Settings):
         return self
 
 
+ScoreCut = float | dict[str, float] | None
+"""A lowest score for all classes, one a class (absent: no cut), or none. `hbbatch calibrate` finds
+values for a detector."""
+
+
 class OutputSettings(Settings):
     """Which boxes of a track are written.
 
@@ -76,10 +81,10 @@ class OutputSettings(Settings):
     """
 
     protocol: Literal["online", "gap_filled"] = "gap_filled"
-    min_track_score: float | None = Field(
+    min_track_score: ScoreCut = Field(
         None, description="boxes of tracks whose mean detection score is lower are not written"
     )
-    min_local_score: float | None = Field(
+    min_local_score: ScoreCut = Field(
         None, description="boxes are not written where the track's mean score nearby is lower"
     )
     min_detections: int = Field(

@@ -12,8 +12,10 @@ from typing import Annotated
 import typer
 
 from hbbatch import __version__
+from hbbatch.cli.calibrate import calibrate
 from hbbatch.cli.demo import demo
 from hbbatch.cli.eval import evaluate
+from hbbatch.cli.info import info
 from hbbatch.cli.ingest import ingest
 from hbbatch.cli.relabel import relabel
 from hbbatch.cli.study import study
@@ -32,8 +34,10 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.command()(ingest)
+app.command()(info)
 app.command()(track)
 app.command("eval")(evaluate)
+app.command()(calibrate)
 app.command()(relabel)
 app.command()(demo)
 app.command()(train)

@@ -187,6 +187,20 @@ class Dataset:
         """The run of that name, existing or not."""
         return Run(self.root / "runs" / check_name(name, "run name"))
 
+    def existing_run(self, name: str | None) -> Run:
+        """The run of that name, or the latest.
+
+        Raises:
+            DatasetError: nothing was tracked yet.
+            UsageError: no such run.
+        """
+        names = self.run_names()
+        if not names:
+            raise DatasetError(f"{self.root}: nothing was tracked yet. Run `hbbatch track` first.")
+        if name is not None and name not in names:
+            raise UsageError(f"run {name!r} does not exist. There are: {', '.join(names)}.")
+        return self.run(name or names[-1])
+
     def run_names(self) -> list[str]:
         """Names of all runs, oldest manifest first."""
         manifests = (self.root / "runs").glob("*/run.json")

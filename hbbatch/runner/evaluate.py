@@ -97,7 +97,7 @@ def evaluate(
         MissingExtraError: TrackEval is not installed.
     """
     dataset = Dataset.open(dataset_root)
-    chosen_run = _choose_run(dataset, run)
+    chosen_run = dataset.existing_run(run)
     labelled, unlabelled = _split_by_labels(dataset, _choose_sequences(dataset, sequences))
     inputs, failed = _read_sequences(dataset, chosen_run, labelled)
     protocol = _protocol(inputs)
@@ -106,17 +106,6 @@ def evaluate(
     return EvaluationReport(
         dataset_root, chosen_run.name, evaluation, unlabelled, untracked, failed
     )
-
-
-def _choose_run(dataset: Dataset, name: str | None) -> Run:
-    names = dataset.run_names()
-    if not names:
-        raise DatasetError(f"{dataset.root}: nothing was tracked yet. Run `hbbatch track` first.")
-    if name is None:
-        return dataset.run(names[-1])
-    if name not in names:
-        raise UsageError(f"run {name!r} does not exist. There are: {', '.join(names)}.")
-    return dataset.run(name)
 
 
 def _choose_sequences(dataset: Dataset, wanted: Sequence[str] | None) -> list[str]:

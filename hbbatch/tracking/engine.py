@@ -44,7 +44,8 @@ class Tracker:
         lock_step = LockStep(plan, self._bank(plan), self._kinds, self.settings)
         for number, tracks, seconds in lock_step.run():
             frames = group[number]
-            yield replace(refine(tracks, frames, self.settings.output), seconds=seconds)
+            done = refine(tracks, frames, self.settings.output, self.class_names)
+            yield replace(done, seconds=seconds)
 
     def _bank(self, plan: Schedule) -> FilterBank:
         """On a CPU the packed filter; the torch modules on any other device."""

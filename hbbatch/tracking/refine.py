@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
-from hbbatch.config import OutputSettings
+from hbbatch.config import OutputSettings, ScoreCut
 from hbbatch.tracking.evidence import (
     TrackEvidence,
     evidence_of_track,
@@ -21,33 +23,49 @@ NO_SCORE = -np.inf
 
 
 def refine(
-    tracks: SequenceTracks, frames: SequenceFrames, output: OutputSettings
+    tracks: SequenceTracks,
+    frames: SequenceFrames,
+    output: OutputSettings,
+    class_names: Sequence[str],
 ) -> TrackedSequence:
     """The boxes to write, by the chosen protocol, and what speaks for them.
 
     Online, a box is judged by what was known of its track in its own frame.
+
+    Args:
+        tracks: all boxes of all tracks.
+        frames: the sequence they were found in.
+        output: protocol and cuts.
+        class_names: of the tracks' class codes.
     """
+    least_track = _least_by_class(output.min_track_score, class_names)
+    least_local = _least_by_class(output.min_local_score, class_names)
     if output.protocol == "online":
         evidence = evidence_so_far(tracks)
         local = local_score_so_far(tracks, frames.timestamp_ns)
-        kept = _convincing(evidence, output) & (local >= _least(output.min_local_score))
+        kept = _convincing(evidence, output.min_detections, least_track[tracks.class_code])
+        kept &= local >= least_local[tracks.class_code]
         return TrackedSequence(frames, tracks.take(kept), evidence.score[kept], local[kept])
-    chosen = tracks.take(_convincing(evidence_of_track(tracks), output))
+    least = least_track[tracks.class_code]
+    chosen = tracks.take(_convincing(evidence_of_track(tracks), output.min_detections, least))
     filled = fill_gaps(settle_sizes(chosen), frames)
     score = evidence_of_track(filled).score
     local = local_score(filled, frames.timestamp_ns)
-    kept = local >= _least(output.min_local_score)
+    kept = local >= least_local[filled.class_code]
     return TrackedSequence(frames, filled.take(kept), score[kept], local[kept])
 
 
-def _convincing(evidence: TrackEvidence, output: OutputSettings) -> NDArray[np.bool_]:
-    enough = evidence.detections >= output.min_detections
-    convincing: NDArray[np.bool_] = enough & (evidence.score >= _least(output.min_track_score))
-    return convincing
+def _convincing(
+    evidence: TrackEvidence, min_detections: int, least_score: FloatArray
+) -> NDArray[np.bool_]:
+    return (evidence.detections >= min_detections) & (evidence.score >= least_score)
 
 
-def _least(score: float | None) -> float:
-    return NO_SCORE if score is None else score
+def _least_by_class(cut: ScoreCut, class_names: Sequence[str]) -> FloatArray:
+    """Lowest score to write, by class code."""
+    if isinstance(cut, dict):
+        return np.array([cut.get(name, NO_SCORE) for name in class_names])
+    return np.full(len(class_names), NO_SCORE if cut is None else cut)
 
 
 def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:

@@ -63,9 +63,9 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
         [(0, 1, 0.9, box(0)), (1, 1, 0.1, box(0)), (0, 2, 0.3, box(5)), (1, 3, 2.0, box(9))]
     )
     frames = sequence([[]] * 2)
-    kept = refine(given, frames, OutputSettings(min_detections=2)).tracks
+    kept = refine(given, frames, OutputSettings(min_detections=2), ["car"]).tracks
     assert set(kept.track_id) == {1}
-    done = refine(given, frames, OutputSettings(min_track_score=0.5))
+    done = refine(given, frames, OutputSettings(min_track_score=0.5), ["car"])
     assert set(done.tracks.track_id) == {1, 3}
     assert done.track_score.tolist() == [0.5, 0.5, 2.0]
 
@@ -75,13 +75,13 @@ def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
     assert evidence_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
     assert evidence_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
     chosen = OutputSettings(protocol="online", min_track_score=1.0)
-    said = refine(tracks(rows), sequence([[]] * 3), chosen).tracks
+    said = refine(tracks(rows), sequence([[]] * 3), chosen, ["car"]).tracks
     assert list(zip(said.track_id, said.frame_index, strict=True)) == [(2, 0), (1, 2)]
 
 
 def test_online_boxes_are_left_as_they_were_said() -> None:
     given = tracks([(0, 1, 1.0, box(0)), (2, 1, 1.0, box(2, length=5.0))])
-    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online")).tracks
+    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"), ["car"]).tracks
     assert said.boxes == pytest.approx(given.boxes)
 
 
@@ -91,6 +91,7 @@ def test_nothing_stays_nothing(protocol: str) -> None:
         SequenceTracks.empty(),
         sequence([[]]),
         OutputSettings.model_validate({"protocol": protocol}),
+        ["car"],
     )
     assert len(done.tracks.track_id) == 0
 
@@ -98,7 +99,7 @@ def test_nothing_stays_nothing(protocol: str) -> None:
 def test_boxes_are_dropped_where_the_track_scores_low_nearby() -> None:
     rows = [(f, 1, 5.0 if f < 20 else -1.0, box(f)) for f in range(40)]
     chosen = OutputSettings(min_track_score=0.0, min_local_score=2.0)
-    kept = refine(tracks(rows), sequence([[]] * 40), chosen).tracks
+    kept = refine(tracks(rows), sequence([[]] * 40), chosen, ["car"]).tracks
     assert kept.frame_index.tolist() == list(range(20))
 
 
@@ -112,3 +113,11 @@ def test_local_scores_weigh_by_nearness_in_time() -> None:
     assert local_score(given, stamps)[1:] == pytest.approx([at_1, at_2, 8.0, 9.0])
     so_far = (near[1] * 1 + 4) / (1 + near[1])
     assert local_score_so_far(given, stamps) == pytest.approx([1.0, so_far, at_2, 8.0, 9.0])
+
+
+def test_cuts_can_differ_by_class() -> None:
+    given = tracks([(0, 1, 1.0, box(0)), (0, 2, 1.0, box(9)), (0, 3, 1.0, box(30))])
+    given = type(given)(**{**vars(given), "class_code": np.array([0, 1, 2])})
+    chosen = OutputSettings(min_track_score={"car": 2.0, "pedestrian": 0.5})
+    names = ["car", "pedestrian", "cyclist"]
+    assert refine(given, sequence([[]]), chosen, names).tracks.track_id.tolist() == [2, 3]
