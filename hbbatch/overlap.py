@@ -23,9 +23,6 @@ _TINY: Final = 1e-300
 def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     """Area shared by the footprints of boxes, pair by pair.
 
-    Each rectangle is looked at in the frame of the other, where the other one is upright. Both
-    are held in one array, so that a few operations serve all edges of both.
-
     Args:
         first: `(n, 7)` boxes.
         second: `(n, 7)` boxes in the same frame.
@@ -33,13 +30,40 @@ def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     Returns:
         `(n,)` m².
     """
-    half = np.empty((2, 2, len(first)))
-    np.multiply(first[:, LENGTH : WIDTH + 1].T, 0.5 * _GROWTH, out=half[0])
-    np.multiply(second[:, LENGTH : WIDTH + 1].T, 0.5, out=half[1])
+    sides = slice(LENGTH, WIDTH + 1)
+    return rectangle_intersection(relative_pose(first, second), first.T[sides], second.T[sides])
+
+
+def relative_pose(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Where the first boxes are in the frames of the second ones, pair by pair.
+
+    Returns:
+        `(4, n)`: centre along and across the second box's heading, cosine and sine of the turn.
+    """
+    x, y = first[:, X] - second[:, X], first[:, Y] - second[:, Y]
+    cos, sin = np.cos(second[:, YAW]), np.sin(second[:, YAW])
     turn = first[:, YAW] - second[:, YAW]
-    cos, sin = np.cos(turn), np.sin(turn)
-    edge = _half_edges(half, cos, sin)
-    middle = _edge_middles(_mutual_centres(first, second, cos, sin), edge)
+    return np.stack([cos * x + sin * y, cos * y - sin * x, np.cos(turn), np.sin(turn)])
+
+
+def rectangle_intersection(
+    pose: FloatArray, first_sides: FloatArray, second_sides: FloatArray
+) -> FloatArray:
+    """Area shared by rectangles, pair by pair.
+
+    Each rectangle is looked at in the frame of the other, where the other one is upright. Both
+    are held in one array, so that a few operations serve all edges of both.
+
+    Args:
+        pose: `(4, n)` of the first in the frame of the second, from `relative_pose`.
+        first_sides: `(2, n)` length and width.
+        second_sides: `(2, n)`.
+    """
+    half = np.empty((2, *first_sides.shape))
+    np.multiply(first_sides, 0.5 * _GROWTH, out=half[0])
+    np.multiply(second_sides, 0.5, out=half[1])
+    edge = _half_edges(half, pose[2], pose[3])
+    middle = _edge_middles(_mutual_centres(pose), edge)
     inside = _length_inside(middle, edge, half[::-1].swapaxes(0, 1))
     cross = middle[0, 0] * edge[1, 0, :, None] - middle[1, 0] * edge[0, 0, :, None]
     cross *= inside[0]
@@ -91,17 +115,13 @@ def _half_edges(half: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArra
     return edge
 
 
-def _mutual_centres(
-    first: FloatArray, second: FloatArray, cos: FloatArray, sin: FloatArray
-) -> FloatArray:
+def _mutual_centres(pose: FloatArray) -> FloatArray:
     """`(axis, rectangle, n)` centre of each rectangle in the frame of the other one."""
-    centre = np.empty((2, 2, len(first)))
-    x, y = first[:, X] - second[:, X], first[:, Y] - second[:, Y]
-    heading_cos, heading_sin = np.cos(second[:, YAW]), np.sin(second[:, YAW])
-    centre[0, 0] = heading_cos * x + heading_sin * y
-    centre[1, 0] = heading_cos * y - heading_sin * x
-    centre[0, 1] = -cos * centre[0, 0] - sin * centre[1, 0]
-    centre[1, 1] = sin * centre[0, 0] - cos * centre[1, 0]
+    x, y, cos, sin = pose
+    centre = np.empty((2, 2, len(x)))
+    centre[:, 0] = pose[:2]
+    centre[0, 1] = -cos * x - sin * y
+    centre[1, 1] = sin * x - cos * y
     return centre
 
 

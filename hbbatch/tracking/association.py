@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, YAW, FloatArray, X, Y, Z
+from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, FloatArray, X, Y, Z
 from hbbatch.config import AssociationSettings, CostName
-from hbbatch.overlap import footprint_intersection, shared_height, volume
+from hbbatch.overlap import rectangle_intersection, relative_pose, volume
 
 IntArray = NDArray[np.int64]
 CostFunction = Callable[[FloatArray, FloatArray], FloatArray]
@@ -188,40 +188,76 @@ def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:
     The enclosing box is upright in the prior's heading frame, so the cost does not depend on how
     the world's axes lie.
     """
-    diagonal, meet = _enclosing_footprint(priors, detections)
-    rise = np.abs(detections[:, Z] - priors[:, Z])
-    diagonal += _span(rise, priors[:, HEIGHT], detections[:, HEIGHT]) ** 2
-    height = shared_height(detections, priors)
-    shared = _shared_footprint(priors, detections, meet & (height > 0.0)) * height
+    around = _around(priors, detections)
+    meet = np.flatnonzero(around.overlap.min(axis=0) > 0.0)
+    shared = _shared_footprint(priors, detections, around.pose, meet) * around.overlap[2]
     iou = shared / (volume(priors) + volume(detections) - shared)
-    distance = _squared_distance(priors, detections) + rise * rise
-    return _ciou_cost(iou, distance / diagonal, priors, detections)
+    return _ciou_cost(iou, around.spread(3), priors, detections)
 
 
 def ciou_2d(priors: FloatArray, detections: FloatArray) -> FloatArray:
     """1 − CIoU of rotated footprints, pair by pair."""
-    diagonal, meet = _enclosing_footprint(priors, detections)
-    shared = _shared_footprint(priors, detections, meet)
+    around = _around(priors, detections)
+    meet = np.flatnonzero(around.overlap[:2].min(axis=0) > 0.0)
+    shared = _shared_footprint(priors, detections, around.pose, meet)
     area = priors[:, LENGTH] * priors[:, WIDTH] + detections[:, LENGTH] * detections[:, WIDTH]
-    spread = _squared_distance(priors, detections) / diagonal
-    return _ciou_cost(shared / (area - shared), spread, priors, detections)
+    return _ciou_cost(shared / (area - shared), around.spread(2), priors, detections)
+
+
+class _Around(NamedTuple):
+    """Boxes around a detection, upright in the heading frame of the prior, pair by pair.
+
+    Attributes:
+        pose: `(4, n)` of the detection seen from the prior.
+        distance: `(3, n)` of the centres along, across and up.
+        span: `(3, n)` extents of the box around both.
+        overlap: `(3, n)` how far the box around the detection reaches into the prior; where one
+            is not positive the two share nothing.
+    """
+
+    pose: FloatArray
+    distance: FloatArray
+    span: FloatArray
+    overlap: FloatArray
+
+    def spread(self, axes: int) -> FloatArray:
+        """Squared distance of the centres over the squared diagonal of the box around both."""
+        distance, span = self.distance[:axes], self.span[:axes]
+        spread: FloatArray = (distance * distance).sum(axis=0) / (span * span).sum(axis=0)
+        return spread
+
+
+def _around(priors: FloatArray, detections: FloatArray) -> _Around:
+    pose = relative_pose(detections, priors)
+    distance, extent = np.empty((2, 3, len(priors)))
+    np.abs(pose[:2], out=distance[:2])
+    np.abs(detections[:, Z] - priors[:, Z], out=distance[2])
+    cos, sin = np.abs(pose[2:])
+    size = priors.T[LENGTH : HEIGHT + 1]
+    length, width, extent[2] = detections.T[LENGTH : HEIGHT + 1]
+    extent[0] = cos * length + sin * width
+    extent[1] = sin * length + cos * width
+    reach = 0.5 * (size + extent)
+    return _Around(
+        pose,
+        distance,
+        np.maximum(reach + distance, np.maximum(size, extent)),
+        np.minimum(reach - distance, np.minimum(size, extent)),
+    )
 
 
 def _shared_footprint(
-    priors: FloatArray, detections: FloatArray, meet: NDArray[np.bool_]
+    priors: FloatArray, detections: FloatArray, pose: FloatArray, meet: IntArray
 ) -> FloatArray:
     """Footprint intersection, computed only where boxes may meet."""
     shared = np.zeros(len(priors))
-    rows = np.flatnonzero(meet)
-    shared[rows] = footprint_intersection(_gather(detections, rows), _gather(priors, rows))
+    sides = slice(LENGTH, WIDTH + 1)
+    shared[meet] = rectangle_intersection(
+        pose.take(meet, axis=1),
+        detections.T[sides].take(meet, axis=1),
+        priors.T[sides].take(meet, axis=1),
+    )
     return shared
-
-
-def _squared_distance(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """In the plane, pair by pair."""
-    x, y = detections[:, X] - priors[:, X], detections[:, Y] - priors[:, Y]
-    distance: FloatArray = x * x + y * y
-    return distance
 
 
 def l2(priors: FloatArray, detections: FloatArray) -> FloatArray:
@@ -249,39 +285,16 @@ def _ciou_cost(
     iou: FloatArray, spread: FloatArray, priors: FloatArray, detections: FloatArray
 ) -> FloatArray:
     """1 − (IoU − spread − β·v), v the aspect term and spread the squared distance ratio."""
-    aspect = np.arctan(priors[:, LENGTH] / priors[:, WIDTH])
-    aspect -= np.arctan(detections[:, LENGTH] / detections[:, WIDTH])
+    length, width = priors[:, LENGTH], priors[:, WIDTH]
+    other_length, other_width = detections[:, LENGTH], detections[:, WIDTH]
+    # The difference of the two aspect angles arctan(length / width), in one go.
+    aspect = np.arctan2(
+        length * other_width - other_length * width, width * other_width + length * other_length
+    )
     v = (4.0 / np.pi**2) * aspect * aspect
-    cost: FloatArray = 1.0 - iou
-    cost += spread + v * v / np.maximum(1.0 - iou + v, 1e-12)
+    rest = 1.0 - iou
+    cost: FloatArray = rest + spread + v * v / np.maximum(rest + v, 1e-12)
     return cost
-
-
-def _enclosing_footprint(
-    priors: FloatArray, detections: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Rectangles upright in the prior's heading frame, pair by pair.
-
-    Returns:
-        Squared diagonal of the rectangle around both boxes, and whether the rectangles around
-        each of them meet (where they do not, the boxes share nothing).
-    """
-    cos, sin = np.cos(priors[:, YAW]), np.sin(priors[:, YAW])
-    dx, dy = detections[:, X] - priors[:, X], detections[:, Y] - priors[:, Y]
-    along, across = np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
-    turn = detections[:, YAW] - priors[:, YAW]
-    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-    length = cos * detections[:, LENGTH] + sin * detections[:, WIDTH]
-    width = sin * detections[:, LENGTH] + cos * detections[:, WIDTH]
-    long, wide = _span(along, priors[:, LENGTH], length), _span(across, priors[:, WIDTH], width)
-    meet = (2.0 * along < priors[:, LENGTH] + length) & (2.0 * across < priors[:, WIDTH] + width)
-    return long * long + wide * wide, meet
-
-
-def _span(distance: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Length of the interval around two centred intervals whose centres lie `distance` apart."""
-    span: FloatArray = np.maximum(distance + 0.5 * (first + second), np.maximum(first, second))
-    return span
 
 
 def _reach(boxes: FloatArray, cost: CostName, threshold: float) -> FloatArray:
