@@ -37,6 +37,17 @@ def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def rotation_matrices(quaternions: FloatArray) -> FloatArray:
+    """Rotation matrices `(n, 3, 3)` of quaternions `(n, 4)` x, y, z, w of any length but zero."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
 def corners(boxes: FloatArray) -> FloatArray:
     """The eight corners of each box.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
+import torch
 from torch import Tensor, nn
 
 from hbbatch.boxes import FloatArray
@@ -36,6 +37,7 @@ def packed(motion: KalmanFilter | HybridFilter) -> PackedFilter:
 class PackedHybrid:
     """`HybridFilter`, packed. State: the base's, then the module's other columns, then its kind."""
 
+    @torch.no_grad()
     def __init__(self, motion: HybridFilter) -> None:
         """Take the parameters as they are now."""
         self._base = PackedKalman(motion.base)
@@ -58,7 +60,7 @@ class PackedHybrid:
             }
         )
         self.height = self._columns.width
-        self._log_q = _array(motion.base.log_q).T
+        self._log_q = motion.base.log_q.detach().numpy().T
         self._residual = _Residual(motion.residual)
         self._gain = _Gain(motion.gain)
         self._rate_unit = _column(motion.rate_unit)
@@ -165,28 +167,21 @@ class PackedHybrid:
 
 
 class _Residual:
-    """`ResidualPredictor` as three matrices; a row of ones below each input carries the biases."""
+    """`ResidualPredictor` as three matrices; a row of ones in each input carries the biases."""
 
     def __init__(self, network: ResidualPredictor) -> None:
-        self._encoder = _affine(network.encoder)
-        self._heads_in = _affine(network.heads_in)
+        self._encoder = _with_ones(_affine(network.encoder))
+        self._heads_in = _with_ones(_affine(network.heads_in))
         heads = [_affine(cast("nn.Linear", layer)) for layer in network.heads_out.values()]
-        width = heads[0].shape[1] - 1
-        self._heads_out = np.zeros((sum(map(len, heads)), len(heads) * width + 1), np.float32)
-        row = 0
-        for number, head in enumerate(heads):
-            rows = slice(row, row + len(head))
-            self._heads_out[rows, number * width : (number + 1) * width] = head[:, :-1]
-            self._heads_out[rows, -1] = head[:, -1]
-            row = rows.stop
-        self._heads_out *= _column(network.unit)
+        weights = torch.block_diag(*(head[:, :-1] for head in heads))  # type: ignore[no-untyped-call]
+        biases = torch.cat([head[:, -1:] for head in heads])
+        self._heads_out = torch.hstack([weights, biases]) * network.unit[:, None]
         self.inputs = self._encoder.shape[1]
 
     def __call__(self, features: Single) -> Single:
         """Rates `(7, n)`; the last row of features is ones."""
-        encoded = _activated(self._heads_in, _activated(self._encoder, features))
-        rates: Single = self._heads_out @ encoded
-        return rates
+        encoded = _rectified(_product(self._encoder, features))
+        return _product(self._heads_out, _rectified(_product(self._heads_in, encoded)))
 
 
 class _Gain:
@@ -195,14 +190,13 @@ class _Gain:
     def __init__(self, network: GainNetwork) -> None:
         recurrent = network.recurrent
         self._memory = recurrent.hidden_size
-        bias = _column(recurrent.bias_ih), _column(recurrent.bias_hh)
-        given, kept = _array(recurrent.weight_ih), _array(recurrent.weight_hh)
-        gates = slice(0, 2 * self._memory)
+        given, kept = recurrent.weight_ih, recurrent.weight_hh
+        given_bias, kept_bias = recurrent.bias_ih[:, None], recurrent.bias_hh[:, None]
+        gates, rest = slice(0, 2 * self._memory), slice(2 * self._memory, None)
         # The sign is that of 1 / (1 + exp(-x)).
-        self._gates = -np.hstack([kept[gates], bias[0][gates] + bias[1][gates], given[gates]])
-        rest = slice(2 * self._memory, None)
-        self._candidate = np.hstack([bias[0][rest], given[rest]])
-        self._kept = np.hstack([kept[rest], bias[1][rest]])
+        self._gates = -torch.hstack([kept, given_bias + kept_bias, given])[gates]
+        self._candidate = torch.hstack([given_bias, given])[rest].clone()
+        self._kept = torch.hstack([kept, kept_bias])[rest].clone()
         self._read_out = _affine(network.read_out) / LARGEST_SAID
         self.inputs = self._gates.shape[1]
 
@@ -213,29 +207,32 @@ class _Gain:
             inputs: memory, a row of ones, features; the memory is replaced in place.
         """
         memory = inputs[: self._memory]
-        gates = self._gates @ inputs
+        gates = _product(self._gates, inputs)
         np.exp(gates, out=gates)
         gates += 1.0
         np.reciprocal(gates, out=gates)
         reset, keep = gates[: self._memory], gates[self._memory :]
-        remembered = self._kept @ inputs[: self._memory + 1]
+        remembered = _product(self._kept, inputs[: self._memory + 1])
         remembered *= reset
-        candidate = self._candidate @ inputs[self._memory :]
+        candidate = _product(self._candidate, inputs[self._memory :])
         candidate += remembered
         np.tanh(candidate, out=candidate)
         memory -= candidate
         memory *= keep
         memory += candidate
-        said = np.tanh(self._read_out @ inputs[: self._memory + 1])
+        said = _product(self._read_out, inputs[: self._memory + 1])
+        np.tanh(said, out=said)
         said *= LARGEST_SAID
         return memory, said
 
 
-def _activated(layer: Single, inputs: Single) -> Single:
-    """Rectified outputs of a layer, and a row of ones."""
-    outputs = np.empty((len(layer) + 1, inputs.shape[1]), np.float32)
-    np.matmul(layer, inputs, out=outputs[:-1])
-    outputs[-1] = 1.0
+def _product(layer: Tensor, inputs: Single) -> Single:
+    """Matrix product by torch, which computes in as many threads as the process was told to."""
+    product: Single = torch.mm(layer, torch.from_numpy(inputs)).numpy()
+    return product
+
+
+def _rectified(outputs: Single) -> Single:
     # With a scalar zero numpy takes a path several times slower.
     return np.maximum(outputs, np.zeros_like(outputs), out=outputs)
 
@@ -255,15 +252,18 @@ def _counters(seconds: Single) -> Single:
     return counters
 
 
-def _affine(layer: nn.Linear) -> Single:
+def _affine(layer: nn.Linear) -> Tensor:
     """Weights and, in a last column, biases of a linear layer."""
-    return np.hstack([_array(layer.weight), _column(layer.bias)])
+    return torch.hstack([layer.weight, layer.bias[:, None]])
+
+
+def _with_ones(layer: Tensor) -> Tensor:
+    """A layer whose last output is one, given inputs whose last row is ones."""
+    ones = torch.zeros_like(layer[:1])
+    ones[0, -1] = 1.0
+    return torch.cat([layer, ones])
 
 
 def _column(parameter: Tensor) -> Single:
-    return _array(parameter)[:, None]
-
-
-def _array(parameter: Tensor) -> Single:
-    array: Single = parameter.detach().cpu().numpy().astype(np.float32)
-    return array
+    column: Single = parameter.numpy()[:, None]
+    return column

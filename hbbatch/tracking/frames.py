@@ -10,9 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from hbbatch.boxes import BOX_FIELDS, FloatArray, transform_boxes
+from hbbatch.boxes import BOX_FIELDS, FloatArray, rotation_matrices, transform_boxes
 
 IntArray = NDArray[np.int64]
 
@@ -70,7 +69,7 @@ def sequence_frames(
     if min_score is not None:
         kept = kept.filter(pc.greater_equal(kept["score"], min_score))
     frame_index = _column(kept, "frame_index").astype(np.int64)
-    rotation = Rotation.from_quat(_columns(poses, [f"rotation_{a}" for a in "xyzw"])).as_matrix()
+    rotation = rotation_matrices(_columns(poses, [f"rotation_{a}" for a in "xyzw"]))
     translation = _columns(poses, [f"translation_{a}" for a in "xyz"])
     sensor_boxes = _columns(kept, BOX_FIELDS)
     boxes = transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index])
