@@ -14,6 +14,7 @@ import torch
 from hbbatch import __version__
 from hbbatch.config import TrainSettings
 from hbbatch.dataset import Dataset, write_aside
+from hbbatch.dataset.store import write_json
 from hbbatch.errors import DatasetError, UsageError
 from hbbatch.model.horizon import AGES, HORIZONS, FilterError, filter_errors
 from hbbatch.model.hybrid import HybridFilter
@@ -76,6 +77,8 @@ def train(
 ) -> TrainReport:
     """Train a filter and write its weights, with what it was trained on in their header.
 
+    The report is written beside them as JSON.
+
     Args:
         roots: datasets; several teach the noise of several detectors.
         out: weights file to write (.safetensors).
@@ -115,6 +118,7 @@ def train(
     content = weights_bytes(motion, _header(kind, settings, licence, report, _hash(used)))
     with write_aside(out) as aside:
         aside.write_bytes(content)
+    write_json(out.with_suffix(".json"), report.to_json())
     return report
 
 

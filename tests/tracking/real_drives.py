@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from shutil import copy
 from tempfile import mkdtemp
 
 from hbbatch.dataset import Dataset
@@ -21,6 +22,21 @@ def real_dataset(test_data: Path, detector: str = "virconv") -> Dataset:
     found = kitti / "detections" / detector / "training"
     ingest([kitti / "training"], root, options=SourceOptions(found))
     return Dataset.open(root)
+
+
+@cache
+def few_drives(test_data: Path, *sequence_ids: str) -> Dataset:
+    """Some KITTI training sequences only, with VirConv detections."""
+    folder = Path(mkdtemp(prefix="hbbatch-test-"))
+    kitti = test_data / "kitti"
+    sources = {name: kitti / "training" / name for name in ("calib", "oxts", "label_02")}
+    sources["det_02"] = kitti / "detections" / "virconv" / "training"
+    for name, source in sources.items():
+        (folder / "kitti" / name).mkdir(parents=True)
+        for sequence_id in sequence_ids:
+            copy(source / f"{sequence_id}.txt", folder / "kitti" / name)
+    ingest([folder / "kitti"], folder / "dataset")
+    return Dataset.open(folder / "dataset")
 
 
 @cache

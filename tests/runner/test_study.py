@@ -1,0 +1,63 @@
+"""Cross-validated studies: folds, cuts chosen without the held-out fold, tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hbbatch.errors import ConfigError, DatasetError
+from hbbatch.runner.study import load_study, markdown, run_study
+from tests.tracking.real_drives import few_drives
+
+QUICK = "{noise_iterations: 2, iterations: 2, batch: 8, frames: 6}"
+
+
+def study_file(folder: Path, dataset: Path, variants: str, folds: int = 2) -> Path:
+    path = folder / "study.yaml"
+    path.write_text(
+        f"datasets: {{virconv: {dataset}}}\nfolds: {folds}\nprotocols: [gap_filled]\n"
+        f"variants:\n{variants}\n"
+    )
+    return path
+
+
+def test_a_study_judges_every_variant_on_every_labelled_sequence(
+    test_data: Path, tmp_path: Path
+) -> None:
+    variants = (
+        f"  - {{name: classical, filter: kalman, train: {QUICK}}}\n"
+        f"  - {{name: learned, train: {QUICK}, track: {{association: {{cost: l2}}}}}}"
+    )
+    file = study_file(tmp_path, few_drives(test_data, "0000", "0003").root, variants)
+    said: list[str] = []
+    report = run_study(load_study(file), said.append)
+    assert [row.variant for row in report.rows] == ["classical", "learned"]
+    assert len(said) == 4
+    labelled = {row.scores.labelled_boxes for row in report.rows}
+    assert len(labelled) == 1
+    assert labelled.pop() > 500
+    assert all(row.scores.hota > 50 for row in report.rows)
+    tables = markdown(report)
+    assert "| virconv | gap_filled | car | learned | 0 |" in tables
+    assert "| vehicle | 3 | 5 |" in tables
+
+
+@pytest.mark.parametrize(
+    ("variants", "fault"),
+    [
+        ("  - {name: a, train: {iteration: 3}}", "iteration"),
+        ("  - {name: a, track: {output: {min_track_score: high}}}", "min_track_score"),
+        ("  - {name: a, train_on: [casa]}", "casa"),
+        ("  - {name: a, speed: 3}", "speed"),
+    ],
+)
+def test_a_study_is_validated_as_a_whole(tmp_path: Path, variants: str, fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        load_study(study_file(tmp_path, tmp_path, variants))
+
+
+def test_too_many_folds_are_refused(test_data: Path, tmp_path: Path) -> None:
+    file = study_file(tmp_path, few_drives(test_data, "0000", "0003").root, "  - {name: a}", 40)
+    with pytest.raises(DatasetError, match="too few for 40 folds"):
+        run_study(load_study(file))
