@@ -137,7 +137,7 @@ class Rosbag2Log:
     def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
         """Messages of all files, one file after the other."""
         metadata = _metadata(self.path, findings)
-        unpack = metadata.get("compression_mode") == "MESSAGE"
+        unpack = str(metadata.get("compression_mode")).upper() == "MESSAGE"
         for log in self._logs(findings):
             met = Findings()
             for message in log.messages(wanted, met):

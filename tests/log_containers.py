@@ -1,0 +1,150 @@
+"""The same messages in every container."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+from rosbags import rosbag1, rosbag2
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.typesys.store import Typestore
+
+
+@dataclass(frozen=True)
+class Logged:
+    """A message to be written."""
+
+    topic: str
+    kind: str
+    log_time_ns: int
+    content: Any
+
+
+def _definition(types: Typestore, kind: str, version: int) -> str:
+    return types.generate_msgdef(kind, ros_version=version)[0]
+
+
+def mcap(
+    compression: CompressionType = CompressionType.ZSTD, *, ros: int = 2, **options: Any
+) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A bare .mcap file of the profile of ROS 1 or 2; options are those of mcap's writer."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        path = path.with_suffix(".mcap")
+        with path.open("wb") as file:
+            writer = Writer(file, 4096, compression, **options)
+            writer.start(profile=f"ros{ros}")
+            channels: dict[str, int] = {}
+            for message in messages:
+                if message.topic not in channels:
+                    text = _definition(types, message.kind, ros).encode()
+                    name = message.kind if ros == 2 else message.kind.replace("/msg/", "/")
+                    schema = writer.register_schema(name, f"ros{ros}msg", text)
+                    encoding = "cdr" if ros == 2 else "ros1"
+                    channels[message.topic] = writer.register_channel(
+                        message.topic, encoding, schema
+                    )
+                serialize = types.serialize_cdr if ros == 2 else types.serialize_ros1
+                data = bytes(serialize(message.content, message.kind))
+                time_ns = message.log_time_ns
+                writer.add_message(channels[message.topic], time_ns, data, time_ns)
+            writer.finish()
+        return path
+
+    return write
+
+
+def bag(
+    compression: rosbag1.Writer.CompressionFormat | None,
+) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A ROS 1 bag."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        path = path.with_suffix(".bag")
+        writer = rosbag1.Writer(path)
+        if compression is not None:
+            writer.set_compression(compression)
+        with writer:
+            connections: dict[str, Any] = {}
+            for message in messages:
+                if message.topic not in connections:
+                    connections[message.topic] = writer.add_connection(
+                        message.topic, message.kind, typestore=types
+                    )
+                data = types.serialize_ros1(message.content, message.kind)
+                writer.write(connections[message.topic], message.log_time_ns, data)
+        return path
+
+    return write
+
+
+def folder(
+    plugin: StoragePlugin, mode: CompressionMode = CompressionMode.NONE, version: int = 9
+) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A ROS 2 folder; version 8 embeds no definitions in .db3 files."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        writer = rosbag2.Writer(path, version=version, storage_plugin=plugin)
+        if mode is not CompressionMode.NONE:
+            writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            connections: dict[str, Any] = {}
+            for message in messages:
+                if message.topic not in connections:
+                    connections[message.topic] = writer.add_connection(
+                        message.topic, message.kind, typestore=types
+                    )
+                data = types.serialize_cdr(message.content, message.kind)
+                writer.write(connections[message.topic], message.log_time_ns, data)
+        return path
+
+    return write
+
+
+def bare_db3(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+    """A .db3 file without its folder."""
+    [file] = folder(StoragePlugin.SQLITE3, version=8)(
+        path.with_name(f"{path.name}-folder"), messages, types
+    ).glob("*.db3")
+    return file.rename(path.with_suffix(".db3"))
+
+
+def split(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+    """A ROS 2 folder of .mcap files, the messages dealt out in turn, so that times overlap."""
+    path.mkdir()
+    parts = 11
+    for part in range(parts):
+        mcap()(path / f"part_{part}", messages[part::parts], types)
+    names = "".join(f"    - part_{part}.mcap\n" for part in range(parts))
+    (path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n"
+        f"  message_count: {len(messages)}\n  relative_file_paths:\n{names}"
+    )
+    return path
+
+
+_BAG = rosbag1.Writer.CompressionFormat
+ROS2_CONTAINERS = {
+    "mcap_zstd": mcap(),
+    "mcap_lz4": mcap(CompressionType.LZ4),
+    "mcap_none": mcap(CompressionType.NONE),
+    "mcap_unchunked": mcap(use_chunking=False),
+    "mcap_unindexed": mcap(use_statistics=False, use_summary_offsets=False, repeat_schemas=False),
+    "folder_db3": folder(StoragePlugin.SQLITE3),
+    "folder_db3_old": folder(StoragePlugin.SQLITE3, version=8),
+    "folder_db3_file": folder(StoragePlugin.SQLITE3, CompressionMode.FILE),
+    "folder_db3_message": folder(StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+    "folder_mcap": folder(StoragePlugin.MCAP),
+    "folder_mcap_file": folder(StoragePlugin.MCAP, CompressionMode.FILE),
+    "folder_split": split,
+    "bare_db3": bare_db3,
+}
+ROS1_CONTAINERS = {
+    "bag_none": bag(None),
+    "bag_bz2": bag(_BAG.BZ2),
+    "bag_lz4": bag(_BAG.LZ4),
+    "mcap_ros1": mcap(ros=1),
+}
