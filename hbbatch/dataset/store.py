@@ -232,9 +232,11 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
 
     Each batch is checked against the schema; the file appears when the block ends without error.
     """
+    # A dictionary of measured numbers is as long as the column.
+    texts = [field.name for field in expected if pa.types.is_string(field.type)]
     with (
         write_aside(path) as aside,
-        pq.ParquetWriter(aside, expected, compression="zstd") as writer,
+        pq.ParquetWriter(aside, expected, compression="zstd", use_dictionary=texts) as writer,
     ):
         yield lambda table: writer.write_table(schema.conform(table, expected, str(path)))
 

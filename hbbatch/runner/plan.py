@@ -23,15 +23,15 @@ from hbbatch.config import TrackSettings
 from hbbatch.dataset import Run
 from hbbatch.errors import UsageError
 
-MAX_GROUP_DETECTIONS: Final = 2_000_000
-"""Detections held in memory by one worker at a time: about 600 MB of arrays."""
+MAX_GROUP_DETECTIONS: Final = 1_200_000
+"""Detections handed to a worker at a time: half a minute's work, so that workers end together and
+little is lost with one that dies."""
 
-_LANES: Final = 64
+_LANES: Final = 100
 """About as many sequences as a group steps at a time; only an estimate hangs on it."""
 
 _STEP_EFFORT: Final = 80
-"""What a lock step costs beside its detections, in detections: 1.8 ms against 23 µs, measured with
-the classical filter on a CPU."""
+"""What a lock step costs beside its detections, in detections (docs/performance.md)."""
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
@@ -168,7 +168,9 @@ def deal(jobs: Sequence[SequenceJob], workers: int) -> list[Group]:
             enough = limit
         else:
             too_little = limit
-    return [part for group in _cut(ordered, enough) for part in _bounded(group)]
+    return [
+        part for group in _cut(ordered, enough) for part in bounded(group, MAX_GROUP_DETECTIONS)
+    ]
 
 
 def _effort(group: Sequence[SequenceJob]) -> int:
@@ -194,13 +196,15 @@ def _cut(ordered: Sequence[SequenceJob], limit: int) -> list[Group]:
     return [tuple(group) for group in groups]
 
 
-def _bounded(group: Group) -> Iterator[Group]:
+def bounded(group: Group, max_detections: int) -> Iterator[Group]:
+    """The group in parts of at most so many detections (or of one sequence)."""
     part: list[SequenceJob] = []
     held = 0
     for job in group:
-        if part and held + job.detections > MAX_GROUP_DETECTIONS:
+        if part and held + job.detections > max_detections:
             yield tuple(part)
             part, held = [], 0
         part.append(job)
         held += job.detections
-    yield tuple(part)
+    if part:
+        yield tuple(part)

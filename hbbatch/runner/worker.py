@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings
@@ -13,11 +15,17 @@ from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.store import write_json, write_table
 from hbbatch.errors import HbbatchError, UsageError
 from hbbatch.projection import Camera
-from hbbatch.runner.plan import Group, SequenceJob
+from hbbatch.runner.plan import Group, SequenceJob, bounded
 from hbbatch.runner.timing import TimingRow, timing_row
 from hbbatch.sinks.kitti import kitti_result
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
+
+MAX_PART_DETECTIONS: Final = 300_000
+"""Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
+
+_MAX_UNWRITTEN: Final = 8
+"""Sequences that have ended and wait for the writer at most."""
 
 
 class BatchTracker(Protocol):
@@ -97,29 +105,55 @@ def track_group(
 ) -> Iterator[Outcome]:
     """Track sequences together and write each when it ends; one outcome a sequence, always.
 
+    A group too large for memory is taken in parts. While one part is stepped, the next is read
+    and what has ended is written, each in a thread of its own.
+
     A sequence that cannot be read or written fails alone. If stepping the group fails, the
     sequences not yet done are stepped one by one, so that only the culprit fails.
     """
-    readings, waiting = [], {}
-    for job in group:
-        try:
-            reading = _read(order, loaded.tracker.class_names, job)
-        except Exception as error:  # noqa: BLE001 - whatever is wrong with one must not stop others
-            yield _failure(job, error)
-        else:
-            readings.append(reading)
-            waiting[job.sequence_id] = (job, reading)
+    parts = bounded(group, MAX_PART_DETECTIONS)
+    with ThreadPoolExecutor(1) as writer:
+        desk = _Desk(order, loaded, worker, writer)
+        for readings, failures in _read_ahead(order, loaded.tracker.class_names, parts):
+            yield from failures
+            yield from _track_part(desk, readings)
+
+
+@dataclass(frozen=True)
+class _Desk:
+    """What a worker has at hand while stepping a part."""
+
+    order: Order
+    loaded: LoadedTracker
+    worker: int
+    writer: ThreadPoolExecutor
+
+
+def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
+    waiting = {reading.job.sequence_id: reading for reading in readings}
+    writing: deque[Future[Outcome]] = deque()
+    failure: Exception | None = None
     try:
-        for tracked in loaded.tracker.track([reading.frames for reading in readings]):
-            job, reading = waiting.pop(tracked.frames.sequence_id)
-            yield _finish(order, loaded, _Finished(job, tracked, reading.seconds, worker))
+        for tracked in desk.loaded.tracker.track([reading.frames for reading in readings]):
+            reading = waiting.pop(tracked.frames.sequence_id)
+            writing.append(desk.writer.submit(_finish, desk, reading, tracked))
+            while len(writing) > _MAX_UNWRITTEN:
+                yield writing.popleft().result()
         _all_came_back(waiting)
-    except Exception as error:  # noqa: BLE001 - as above
-        if len(waiting) == 1:
-            yield _failure(next(iter(waiting.values()))[0], error)
-        else:
-            for job, _ in waiting.values():
-                yield from track_group(order, loaded, (job,), worker)
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with one must not stop others
+        failure = error
+    for outcome in writing:
+        yield outcome.result()
+    if failure is not None:
+        yield from _one_by_one(desk, list(waiting.values()), failure)
+
+
+def _one_by_one(desk: _Desk, readings: list[_Reading], failure: Exception) -> Iterator[Outcome]:
+    if len(readings) == 1:
+        yield _failure(readings[0].job, failure)
+        return
+    for reading in readings:
+        yield from _track_part(desk, [reading])
 
 
 def _all_came_back(waiting: Mapping[str, object]) -> None:
@@ -129,16 +163,37 @@ def _all_came_back(waiting: Mapping[str, object]) -> None:
 
 @dataclass(frozen=True)
 class _Reading:
+    job: SequenceJob
     frames: SequenceFrames
     seconds: float
 
 
-@dataclass(frozen=True)
-class _Finished:
-    job: SequenceJob
-    tracked: TrackedSequence
-    read_s: float
-    worker: int
+_PartRead = tuple[list[_Reading], list[Outcome]]
+"""What could be read of a part, and a failed outcome for each sequence that could not."""
+
+
+def _read_ahead(
+    order: Order, class_names: Sequence[str], parts: Iterable[Group]
+) -> Iterator[_PartRead]:
+    """Read parts in order; while one is being used, the next is read."""
+    with ThreadPoolExecutor(1) as reader:
+        coming: Future[_PartRead] | None = None
+        for part in parts:
+            ready, coming = coming, reader.submit(_read_part, order, class_names, part)
+            if ready is not None:
+                yield ready.result()
+        if coming is not None:
+            yield coming.result()
+
+
+def _read_part(order: Order, class_names: Sequence[str], part: Group) -> _PartRead:
+    readings, failures = [], []
+    for job in part:
+        try:
+            readings.append(_read(order, class_names, job))
+        except Exception as error:  # noqa: BLE001 - as above
+            failures.append(_failure(job, error))
+    return readings, failures
 
 
 def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Reading:
@@ -150,30 +205,29 @@ def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Readin
         class_names,
         order.settings.min_score,
     )
-    return _Reading(frames, time.perf_counter() - started)
+    return _Reading(job, frames, time.perf_counter() - started)
 
 
-def _finish(order: Order, loaded: LoadedTracker, finished: _Finished) -> Outcome:
+def _finish(desk: _Desk, reading: _Reading, tracked: TrackedSequence) -> Outcome:
     try:
-        return Outcome(finished.job.sequence_id, timing=_write(order, loaded, finished))
+        return Outcome(reading.job.sequence_id, timing=_write(desk, reading, tracked))
     except Exception as error:  # noqa: BLE001 - a full disk or a bad calibration of one sequence
-        return _failure(finished.job, error)
+        return _failure(reading.job, error)
 
 
-def _write(order: Order, loaded: LoadedTracker, finished: _Finished) -> TimingRow:
+def _write(desk: _Desk, reading: _Reading, tracked: TrackedSequence) -> TimingRow:
     """Outputs first, status last; the old status goes before anything it vouches for changes."""
     started = time.perf_counter()
-    run, sequence_id = order.run, finished.job.sequence_id
-    remove_status(run, sequence_id)
-    tracked = finished.tracked
-    table = tracks_table(tracked, loaded.tracker.class_names)
-    result = kitti_result(table, _camera(order.dataset, sequence_id))
-    write_table(run.tracks(sequence_id), table, schema.TRACKS)
-    with write_aside(run.kitti(sequence_id)) as aside:
+    run, job = desk.order.run, reading.job
+    remove_status(run, job.sequence_id)
+    table = tracks_table(tracked, desk.loaded.tracker.class_names)
+    result = kitti_result(table, _camera(desk.order.dataset, job.sequence_id))
+    write_table(run.tracks(job.sequence_id), table, schema.TRACKS)
+    with write_aside(run.kitti(job.sequence_id)) as aside:
         aside.write_bytes(result)
     write_s = time.perf_counter() - started
-    timing = timing_row(tracked, finished.read_s, write_s, loaded.device, finished.worker)
-    write_status(run, sequence_id, {"state": "done", "key": finished.job.key, "timing": timing})
+    timing = timing_row(tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
+    write_status(run, job.sequence_id, {"state": "done", "key": job.key, "timing": timing})
     return timing
 
 

@@ -16,7 +16,7 @@ from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import PackedBank
 from hbbatch.tracking.refine import refine
-from hbbatch.tracking.schedule import MAX_LANES, Schedule, schedule
+from hbbatch.tracking.schedule import Schedule, schedule
 from hbbatch.tracking.tracks import TrackedSequence
 
 
@@ -40,7 +40,7 @@ class Tracker:
     @torch.inference_mode()
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
-        plan = schedule(group, MAX_LANES)
+        plan = schedule(group)
         lock_step = LockStep(plan, self._bank(plan), self._kinds, self.settings)
         for number, tracks, seconds in lock_step.run():
             frames = group[number]

@@ -16,8 +16,9 @@ import numpy as np
 from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 
-MAX_LANES = 64
-"""Sequences stepped at a time at most."""
+DETECTIONS_PER_STEP = 1000
+"""Where a lock step's cost is its rows and no longer the number of its operations, while the rows
+still fit a core's cache (docs/performance.md)."""
 
 DEFAULT_DT_S = 0.1
 """Step assumed where a sequence's clock does not advance."""
@@ -56,8 +57,19 @@ class Schedule:
         return len(self.offsets) - 1
 
 
-def schedule(group: Sequence[SequenceFrames], lanes: int) -> Schedule:
-    """The timetable of a group over at most `lanes` sequences at a time."""
+def lane_count(group: Sequence[SequenceFrames]) -> int:
+    """How many sequences to step at a time, so that steps hold `DETECTIONS_PER_STEP`."""
+    frames = sum(sequence.frame_count for sequence in group)
+    detections = sum(len(sequence.scores) for sequence in group)
+    return max(1, round(DETECTIONS_PER_STEP * frames / max(detections, 1)))
+
+
+def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Schedule:
+    """The timetable of a group over at most `lanes` sequences at a time.
+
+    By default their number is chosen by `lane_count`.
+    """
+    lanes = lane_count(group) if lanes is None else lanes
     first_step = _first_steps([frames.frame_count for frames in group], lanes)
     last_step = [
         int(first) + frames.frame_count - 1 for first, frames in zip(first_step, group, strict=True)

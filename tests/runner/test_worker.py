@@ -112,6 +112,17 @@ def test_an_unusable_calibration_is_named(tmp_path: Path, calibration: dict[str,
     assert "Ingest the sequence again" in str(found["b"].error)
 
 
+def test_a_group_too_large_for_memory_is_taken_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hbbatch.runner.worker.MAX_PART_DETECTIONS", 12)
+    dataset = make_dataset(tmp_path, "a", "b", "c", "raises", "e")
+    dataset.path("poses", "c").unlink()
+    found = outcomes(dataset, "a", "b", "c", "raises", "e")
+    assert {i for i, outcome in found.items() if outcome.error is not None} == {"c", "raises"}
+    assert dataset.run("r").read_tracks("e").num_rows == 6
+
+
 def test_an_old_status_is_gone_before_outputs_change(tmp_path: Path) -> None:
     """Else a crash in between would leave new tracks that an old key vouches for."""
     dataset = make_dataset(tmp_path, "a")
