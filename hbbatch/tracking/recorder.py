@@ -48,7 +48,9 @@ class Recorder:
             detections: `(k,)` matched detections, -1 where there is none.
             rows: the rows.
         """
-        what = np.empty((5, identities.shape[1]), np.int64)
+        if not len(detections):
+            return
+        what = np.empty((5, len(detections)), np.int64)
         what[:3], what[3], what[4] = identities, detections, step
         self._steps.append(what)
         self._bank.say(rows)
