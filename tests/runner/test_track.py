@@ -138,8 +138,10 @@ def test_interrupted_it_keeps_what_was_done_and_goes_on_from_there(tmp_path: Pat
     with pytest.raises(KeyboardInterrupt):
         track(request, interrupt, ECHO)
     run = dataset.run(default_run_name(SETTINGS))
-    assert pq.read_table(run.timing).num_rows == 2
-    assert len(track(request, engine=ECHO).tracked) == 1
+    # What had ended and waited for the writer is kept as well.
+    kept = pq.read_table(run.timing).num_rows
+    assert kept >= 2
+    assert len(track(request, engine=ECHO).tracked) == 3 - kept
 
 
 def test_an_unknown_sequence_writes_nothing(tmp_path: Path) -> None:
