@@ -14,17 +14,16 @@ from hbbatch.cli.options import JsonOption
 def study(
     file: Annotated[Path, typer.Argument(help="YAML file of the study (docs/accuracy.md).")],
     out: Annotated[
-        Path | None, typer.Option(help="Markdown file to write the tables to as well.")
+        Path | None,
+        typer.Option(help="Markdown page to put the tables in, between the study's markers."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Train and judge variants by cross-validation over sequences; print the tables."""
-    from hbbatch.dataset import write_aside
-    from hbbatch.runner.study import load_study, markdown, run_study
+    from hbbatch.runner.study import load_study, markdown, put_into_page, run_study
 
     report = run_study(load_study(file), lambda what: typer.echo(what, err=True))
     tables = markdown(report)
     if out is not None:
-        with write_aside(out) as aside:
-            aside.write_text(f"<!-- made by: hbbatch study {file.name} -->\n{tables}")
+        put_into_page(out, file.name, tables)
     typer.echo(json.dumps(report.to_json(), indent=2) if as_json else tables)

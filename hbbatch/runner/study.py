@@ -20,7 +20,7 @@ import torch
 from pydantic import Field
 
 from hbbatch.config import Settings, TrackSettings, TrainSettings, load_yaml, validate
-from hbbatch.dataset import Dataset
+from hbbatch.dataset import Dataset, write_aside
 from hbbatch.errors import ConfigError, DatasetError
 from hbbatch.evaluation.kitti import (
     KittiTracks,
@@ -275,6 +275,21 @@ def _above(
 def _add(target: KittiTracks, tracks: KittiTracks) -> None:
     for name, by_sequence in tracks.items():
         target.setdefault(name, {}).update(by_sequence)
+
+
+def put_into_page(page: Path, study_name: str, tables: str) -> None:
+    """Write tables between a study's markers in a Markdown page; a new page gets both.
+
+    Raises:
+        ConfigError: the page exists and has no such markers.
+    """
+    first, last = f"<!-- study: {study_name} -->", f"<!-- end of study: {study_name} -->"
+    text = page.read_text() if page.exists() else f"{first}\n{last}\n"
+    if first not in text or last not in text:
+        raise ConfigError(f"{page}: holds no lines {first!r} and {last!r}. Add both to the page.")
+    before, _, rest = text.partition(first)
+    with write_aside(page) as aside:
+        aside.write_text(f"{before}{first}\n\n{tables}\n{last}{rest.partition(last)[2]}")
 
 
 def markdown(report: StudyReport) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hbbatch.errors import ConfigError, DatasetError
-from hbbatch.runner.study import load_study, markdown, run_study
+from hbbatch.runner.study import load_study, markdown, put_into_page, run_study
 from tests.tracking.real_drives import few_drives
 
 QUICK = "{noise_iterations: 2, iterations: 2, batch: 8, frames: 6}"
@@ -61,3 +61,17 @@ def test_too_many_folds_are_refused(test_data: Path, tmp_path: Path) -> None:
     file = study_file(tmp_path, few_drives(test_data, "0000", "0003").root, "  - {name: a}", 40)
     with pytest.raises(DatasetError, match="too few for 40 folds"):
         run_study(load_study(file))
+
+
+def test_tables_go_between_their_markers(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    put_into_page(page, "a.yaml", "| old |")
+    page.write_text(f"# Title\n\n{page.read_text()}\nThe end.\n")
+    put_into_page(page, "a.yaml", "| new |")
+    text = page.read_text()
+    assert "| new |" in text
+    assert "| old |" not in text
+    assert text.startswith("# Title")
+    assert text.endswith("The end.\n")
+    with pytest.raises(ConfigError, match="holds no lines"):
+        put_into_page(page, "b.yaml", "| new |")
