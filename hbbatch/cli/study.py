@@ -15,7 +15,7 @@ def study(
     file: Annotated[Path, typer.Argument(help="YAML file of the study (docs/accuracy.md).")],
     out: Annotated[
         Path | None,
-        typer.Option(help="Markdown page to put the tables in, between the study's markers."),
+        typer.Option(help="Markdown page for the tables, between markers."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
