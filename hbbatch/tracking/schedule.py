@@ -90,7 +90,7 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
     order = np.argsort(step_of, kind="stable")
     return Schedule(
         first_step=first_step,
-        dt_s=[_intervals(frames) for frames in group],
+        dt_s=[intervals(frames) for frames in group],
         offsets=np.searchsorted(step_of[order], np.arange(steps + 1)),
         sequence=sequence[order],
         row=row[order],
@@ -114,7 +114,7 @@ def _first_steps(frame_counts: list[int], lanes: int) -> IntArray:
     return first
 
 
-def _intervals(frames: SequenceFrames) -> FloatArray:
+def intervals(frames: SequenceFrames) -> FloatArray:
     """Seconds since the previous frame; where the clock stands still, a default step."""
     dt = np.diff(frames.timestamp_ns, prepend=frames.timestamp_ns[:1]) * 1e-9
     intervals: FloatArray = np.where(dt > 0, dt, DEFAULT_DT_S)
