@@ -32,3 +32,11 @@ class FilterChoice(StrEnum):
 
     HYBRID = "hybrid"
     KALMAN = "kalman"
+
+
+class MotionChoice(StrEnum):
+    """Motion models; the values of `config.TrainSettings.motion_model`."""
+
+    CV = "cv"
+    CA = "ca"
+    CT = "ct"

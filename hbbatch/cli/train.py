@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, FilterChoice, JsonOption
+from hbbatch.cli.options import DEFAULT_DATASET, FilterChoice, JsonOption, MotionChoice
 
 if TYPE_CHECKING:
     from hbbatch.runner.train import TrainReport
@@ -38,6 +38,9 @@ def train(
         str | None,
         typer.Option(help="What the filter is fed: detections (default) or labels (the paper)."),
     ] = None,
+    motion_model: Annotated[
+        MotionChoice | None, typer.Option(help="Of the classical filter, also as the base.")
+    ] = None,
     iterations: Annotated[int | None, typer.Option(min=1, help="Training iterations.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all randomness.")] = None,
     config: Annotated[
@@ -53,7 +56,12 @@ def train(
     from hbbatch.runner.train import train as run_training
 
     content: dict[str, Any] = load_yaml(config) if config else {}
-    given = {"measurements": measurements, "iterations": iterations, "seed": seed}
+    given = {
+        "measurements": measurements,
+        "motion_model": motion_model,
+        "iterations": iterations,
+        "seed": seed,
+    }
     content |= {name: value for name, value in given.items() if value is not None}
     settings = validate(TrainSettings, content, str(config or "train options"))
     report = run_training(
