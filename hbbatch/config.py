@@ -121,6 +121,9 @@ class TrainSettings(Settings):
         "detections", description="what the filter is fed: detections matched to labels, or labels"
     )
     motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
+    learn: Literal["both", "prediction", "update"] = Field(
+        "both", description="which part is learned; the other stays that of the classical base"
+    )
     frames: int = Field(20, ge=3, description="length of a tracklet")
     min_frames: int = Field(8, ge=2, description="shortest stretch of an object that is used")
     batch: int = Field(192, ge=1, description="tracklets an iteration (paper: 128)")

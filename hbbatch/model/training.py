@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -52,7 +52,7 @@ def train_hybrid(
         The loss of every iteration.
     """
     generator = torch.Generator().manual_seed(settings.seed)
-    learned = [*motion.residual.parameters(), *motion.gain.parameters()]
+    learned = learned_parameters(motion, settings.learn)
     optimiser = torch.optim.Adam(
         learned, lr=settings.learning_rate, weight_decay=settings.weight_decay
     )
@@ -72,6 +72,21 @@ def train_hybrid(
         history.append(loss.item())
         progress(iteration, history[-1])
     return history
+
+
+def learned_parameters(
+    motion: HybridFilter, part: Literal["both", "prediction", "update"]
+) -> list[nn.Parameter]:
+    """What is trained. A part that is left out keeps its read-out at zero, and so says nothing.
+
+    The prediction needs the recurrent memory, so that is trained with either part.
+    """
+    residual, gain = list(motion.residual.parameters()), motion.gain
+    if part == "update":
+        return list(gain.parameters())
+    if part == "prediction":
+        return [*residual, *gain.recurrent.parameters()]
+    return [*residual, *gain.parameters()]
 
 
 def total_loss(parts: LossParts, settings: TrainSettings) -> Tensor:

@@ -93,6 +93,21 @@ def test_training_makes_the_loss_smaller_and_leaves_the_base_alone() -> None:
         assert torch.equal(value, before[name]), name
 
 
+@pytest.mark.parametrize(("part", "silent"), [("prediction", "gain"), ("update", "residual")])
+def test_a_part_that_is_not_learned_says_nothing(part: str, silent: str) -> None:
+    torch.manual_seed(0)
+    motion = HybridFilter(KINDS)
+    settings = QUICK.model_copy(update={"learn": part, "iterations": 3})
+    train_hybrid(motion, simulated(), settings, quiet)
+    read_outs = {
+        "gain": [motion.gain.read_out.weight],
+        "residual": [layer.weight for layer in motion.residual.heads_out.values()],
+    }
+    spoken = "residual" if silent == "gain" else "gain"
+    assert all((weight == 0).all() for weight in read_outs[silent])
+    assert any((weight != 0).any() for weight in read_outs[spoken])
+
+
 def test_the_same_seed_gives_the_same_weights() -> None:
     first, second = trained()[0].state_dict(), trained()[0].state_dict()
     assert all(torch.equal(first[name], second[name]) for name in first)

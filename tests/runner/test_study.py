@@ -75,3 +75,9 @@ def test_tables_go_between_their_markers(tmp_path: Path) -> None:
     assert text.endswith("The end.\n")
     with pytest.raises(ConfigError, match="holds no lines"):
         put_into_page(page, "b.yaml", "| new |")
+
+
+@pytest.mark.parametrize("name", ["filters", "ablations", "transfer"])
+def test_the_studies_of_the_repository_are_valid(name: str) -> None:
+    pipelines = Path(__file__).parents[2] / "pipelines"
+    assert load_study(pipelines / "studies" / f"{name}.yaml").variants
