@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from hbbatch import schema
 from hbbatch.dataset.store import Dataset, table_writer, write_json, write_table
@@ -71,7 +72,11 @@ class ContentHash:
             digest = self._columns.setdefault(f"{prefix}.{name}", hashlib.blake2b(digest_size=16))
             column = table[name]
             if pa.types.is_string(column.type):
-                digest.update("".join(f"{text}\n" for text in column.to_pylist()).encode())
+                lengths = self._columns.setdefault(
+                    f"{prefix}.{name}.length", hashlib.blake2b(digest_size=16)
+                )
+                lengths.update(pc.binary_length(column).to_numpy().tobytes())
+                digest.update(_letters(column))
             else:
                 digest.update(column.to_numpy().tobytes())
 
@@ -80,6 +85,16 @@ class ContentHash:
         columns = {name: digest.hexdigest() for name, digest in sorted(self._columns.items())}
         content = [columns, calibration.to_json() if calibration else None]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _letters(column: pa.ChunkedArray) -> bytes:
+    """All texts of a column one after the other."""
+    joined = pa.concat_arrays([*column.chunks, pa.array([], column.type)])
+    _, offsets, letters = joined.buffers()
+    if letters is None:
+        return b""
+    ends = np.frombuffer(offsets, np.int32)[joined.offset : joined.offset + len(joined) + 1]
+    return memoryview(letters)[ends[0] : ends[-1]].tobytes()
 
 
 def write_sequence(
@@ -129,7 +144,7 @@ def write_sequence(
 
 
 def _guarded(batches: Iterator[FrameBatch], source: Path) -> Iterator[FrameBatch]:
-    """Batches; an error of the file system while they are read is the source's, not the output's."""
+    """Batches; an error of the file system while reading them is the source's, not the output's."""
     with source_errors(source):
         yield from batches
 

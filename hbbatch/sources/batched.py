@@ -11,9 +11,13 @@ from hbbatch.sources.base import SourceOptions
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
 from hbbatch.sources.cdr_walk import WalkRefusedError
 from hbbatch.sources.channels import Channel, RawMessage
-from hbbatch.sources.columns import DetectionColumns, from_messages
+from hbbatch.sources.columns import (
+    DetectionColumns,
+    TransformColumns,
+    from_messages,
+    from_samples,
+)
 from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder
-from hbbatch.sources.messages import TransformSample
 
 _BATCH_MESSAGES: Final = 256
 _BATCH_BYTES: Final = 16 * 2**20
@@ -98,18 +102,28 @@ def detection_reader(
 
 def transform_reader(
     channel: Channel, read: Callable[[Any], Any], options: SourceOptions
-) -> ChannelReader[Any, list[list[TransformSample]]]:
-    """The reader of a channel of transforms or poses; a list of samples a message."""
+) -> ChannelReader[Any, TransformColumns]:
+    """The reader of a channel of transforms or poses."""
     decoding, problem = _decoding(channel, options)
     return ChannelReader(
         channel,
         lambda message: list(read(message)),
-        list,
+        from_samples,
         _walk(TRANSFORM_WALKS, channel, decoding),
         decoding.decode if decoding else None,
         problem,
         decoding.note if decoding else "",
     )
+
+
+def satellite_reader(
+    channel: Channel, read: Callable[[Any], Any], options: SourceOptions
+) -> ChannelReader[Any, list[Any]]:
+    """The reader of a channel of satellite fixes or orientations."""
+    decoding, problem = _decoding(channel, options)
+    decode = decoding.decode if decoding else None
+    note = decoding.note if decoding else ""
+    return ChannelReader(channel, read, list, None, decode, problem, note)
 
 
 def _decoding(channel: Channel, options: SourceOptions) -> tuple[Decoder | None, str]:

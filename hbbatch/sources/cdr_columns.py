@@ -6,7 +6,7 @@ is not for (another layout of the type, a rare case) is refused and read message
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,13 +15,12 @@ from rosbags.typesys.store import Typestore
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray, Names
 from hbbatch.sources.cdr_walk import CdrWalk, Columns, WalkRefusedError
-from hbbatch.sources.columns import DetectionColumns
-from hbbatch.sources.messages import TransformSample
+from hbbatch.sources.columns import DetectionColumns, TransformColumns, from_samples
 from hbbatch.sources.messages.autoware import label_name
 from hbbatch.sources.messages.base import quaternion_yaw
 
 ReadDetectionColumns = Callable[[Sequence[bytes]], DetectionColumns]
-ReadTransformColumns = Callable[[Sequence[bytes]], list[list[TransformSample]]]
+ReadTransformColumns = Callable[[Sequence[bytes]], TransformColumns]
 
 _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
 _FRAME: Final = "header.frame_id"
@@ -122,11 +121,12 @@ def tf_message(store: Typestore, kind: str) -> ReadTransformColumns:
     parent, child = f"{one}.{_FRAME}", f"{one}.child_frame_id"
     walk = CdrWalk(store, kind, [*stamp, *values, parent, child])
 
-    def read(messages: Sequence[bytes]) -> list[list[TransformSample]]:
+    def read(messages: Sequence[bytes]) -> TransformColumns:
         columns = walk.read(messages)
-        counts = columns.counts["transforms"].tolist()
-        samples = _samples(columns, stamp, values, parent, child) if sum(counts) else iter(())
-        return [[next(samples) for _ in range(count)] for count in counts]
+        counts = columns.counts["transforms"]
+        if not counts.any():
+            return from_samples([[] for _ in messages])
+        return _transforms(columns, counts, stamp, values, parent, child)
 
     return read
 
@@ -140,9 +140,9 @@ def odometry(store: Typestore, kind: str) -> ReadTransformColumns:
     values = _pose("pose.pose")
     walk = CdrWalk(store, kind, [*_STAMP, _FRAME, "child_frame_id", *values])
 
-    def read(messages: Sequence[bytes]) -> list[list[TransformSample]]:
-        columns = walk.read(messages)
-        return [[s] for s in _samples(columns, _STAMP, values, _FRAME, "child_frame_id")]
+    def read(messages: Sequence[bytes]) -> TransformColumns:
+        counts = np.ones(len(messages), dtype=np.int64)
+        return _transforms(walk.read(messages), counts, _STAMP, values, _FRAME, "child_frame_id")
 
     return read
 
@@ -207,18 +207,21 @@ def _best_labels(
     return (label_name(None), *(label_name(number) for number in range(256))), codes
 
 
-def _samples(
-    columns: Columns, stamp: Sequence[str], values: list[str], parent: str, child: str
-) -> Iterator[TransformSample]:
-    rows = zip(
-        columns.texts[parent].to_list(),
-        columns.texts[child].to_list(),
-        _stamps(columns, stamp).tolist(),
-        columns.stack(values).tolist(),
-        strict=True,
+def _transforms(
+    columns: Columns,
+    counts: IntArray,
+    stamp: Sequence[str],
+    values: list[str],
+    parent: str,
+    child: str,
+) -> TransformColumns:
+    return TransformColumns(
+        counts=counts,
+        parents=columns.texts[parent],
+        children=columns.texts[child],
+        stamp_ns=_stamps(columns, stamp),
+        values=columns.stack(values),
     )
-    for parent_name, child_name, stamp_ns, (x, y, z, qx, qy, qz, qw) in rows:
-        yield TransformSample(parent_name, child_name, stamp_ns, (x, y, z), (qx, qy, qz, qw))
 
 
 DETECTION_WALKS: Final[dict[str, Callable[[Typestore, str], ReadDetectionColumns]]] = {

@@ -258,9 +258,9 @@ class _Run:
 
     def __init__(self, buffer: _Buffer) -> None:
         self._buffer = buffer
-        self._numbers: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
-        self._texts: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
-        self._counts: dict[str, list[tuple[IntArray, IntArray]]] = {}
+        self._numbers: dict[tuple[str, ...], list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._texts: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._counts: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
 
     def steps(self, steps: Sequence[Any], position: IntArray, owner: IntArray) -> IntArray:
         """Take steps with all of a group; `owner` says which message or element each is."""
@@ -286,8 +286,7 @@ class _Run:
         self._within(position, size * count)
         first = position >> (size.bit_length() - 1)
         values = self._buffer.views[step.dtype][first[:, None] + np.arange(count)]
-        for column, path in enumerate(step.paths):
-            self._numbers.setdefault(path, []).append((owner, values[:, column]))
+        self._numbers.setdefault(tuple(step.paths), []).append((owner, values))
         return position + size * count
 
     def _length(self, position: IntArray) -> IntArray:
@@ -298,7 +297,8 @@ class _Run:
     def _text(self, step: _Text, position: IntArray, owner: IntArray) -> IntArray:
         length = self._length(position)
         if step.path:
-            self._texts.setdefault(step.path, []).append((owner, position + 4, length))
+            place = np.stack([position + 4, length], axis=1)
+            self._texts.setdefault(step.path, []).append((owner, place))
         return position + 4 + length
 
     def _repeat(self, step: _Repeat, position: IntArray, owner: IntArray) -> IntArray:
@@ -309,7 +309,7 @@ class _Run:
         most = int(counts.max(initial=0))
         if most > _MOST_ELEMENTS:
             raise WalkRefusedError("too many elements")
-        self._counts.setdefault(step.path, []).append((owner, counts))
+        self._counts.setdefault(step.path, []).append((owner, counts[:, None]))
         # Elements of a sequence of messages are numbered through; those of a sequence within a
         # sequence carry the number of their parent.
         first = np.cumsum(counts) - counts
@@ -322,48 +322,69 @@ class _Run:
 
     def columns(self, messages: int) -> Columns:
         """What was taken, in order."""
-        counts = {path: _in_order(pieces)[1] for path, pieces in self._counts.items()}
-        for path in [path for path in counts if "[]" not in path]:
-            if len(counts[path]) != messages:
-                raise WalkRefusedError("a sequence within a fixed array")
-        numbers, parents = {}, {}
-        for path, pieces in self._numbers.items():
-            owners, numbers[path] = _in_order(pieces)
-            parents[path.rpartition("[]")[0]] = owners
-        texts = {path: self._names(pieces, parents, path) for path, pieces in self._texts.items()}
+        counts = {path: _Order()(pieces)[:, 0] for path, pieces in self._counts.items()}
+        if any(len(n) != messages for path, n in counts.items() if "[]" not in path):
+            raise WalkRefusedError("a sequence within a fixed array")
+        orders: dict[str, _Order] = {}
+
+        def ordered(path: str, pieces: list[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
+            sequence = path.rpartition("[]")[0]
+            return orders.setdefault(sequence, _Order())(pieces)
+
+        numbers = {}
+        for paths, pieces in self._numbers.items():
+            block = ordered(paths[0], pieces)
+            numbers.update({path: block[:, column] for column, path in enumerate(paths)})
+        texts = {path: self._names(ordered(path, p)) for path, p in self._texts.items()}
+        parents = {path: order.owners for path, order in orders.items()}
         return Columns(counts, numbers, texts, parents)
 
-    def _names(
-        self,
-        pieces: list[tuple[IntArray, IntArray, IntArray]],
-        parents: dict[str, IntArray],
-        path: str,
-    ) -> Names:
-        places = [(owner, np.stack([start, length], axis=1)) for owner, start, length in pieces]
-        owners, ordered = _in_order(places)
-        parents.setdefault(path.rpartition("[]")[0], owners)
-        start, length = ordered[:, 0], ordered[:, 1]
+    def _names(self, places: NDArray[Any]) -> Names:
+        start, length = places[:, 0], places[:, 1]
         longest = int(length.max(initial=1))
         if longest > _LONGEST_TEXT:
             raise WalkRefusedError("a long text")
         words = max(-(-longest // _HEAD), 1)
         self._within(start, words * _HEAD)
         letters = self._buffer.views["u4"][(start >> 2)[:, None] + np.arange(words)]
-        letters = np.ascontiguousarray(letters).view("u1")
-        letters[np.arange(words * _HEAD) >= (length - 1)[:, None]] = 0
-        spelled, codes = np.unique(letters.view(f"S{words * _HEAD}").ravel(), return_inverse=True)
+        letters.view("u1")[np.arange(words * _HEAD) >= (length - 1)[:, None]] = 0
+        first, codes = _distinct(letters)
         try:
-            vocabulary = tuple(word.decode() for word in spelled.tolist())
+            vocabulary = tuple(letters[row].tobytes().rstrip(b"\0").decode() for row in first)
         except UnicodeDecodeError as error:
             raise WalkRefusedError("a text is not UTF-8") from error
-        return Names(codes.astype(np.int64), vocabulary)
+        return Names(codes, vocabulary)
 
 
-def _in_order(pieces: list[tuple[IntArray, Any]]) -> tuple[IntArray, NDArray[Any]]:
-    """Pieces joined and sorted by owner; what one owner has keeps its order."""
-    owners = np.concatenate([owner for owner, _ in pieces])
-    values = np.concatenate([value for _, value in pieces])
-    if len(pieces) == 1 and (np.diff(owners) >= 0).all():
-        return owners, values
-    order = np.argsort(owners, kind="stable")
-    return owners[order], values[order]
+def _distinct(rows: NDArray[Any]) -> tuple[list[int], IntArray]:
+    """The first row of each kind, and which kind each row is; rows are `(n, words)`."""
+    if not len(rows) or (rows == rows[0]).all():
+        return [0] if len(rows) else [], np.zeros(len(rows), dtype=np.int64)
+    key = rows[:, 0].astype(np.uint64)
+    for column in range(1, rows.shape[1]):
+        key = key * np.uint64(0x9E3779B97F4A7C15) + rows[:, column]
+    _, first, codes = np.unique(key, return_index=True, return_inverse=True)
+    if not (rows == rows[first[codes]]).all():
+        _, first, codes = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return first.tolist(), codes.reshape(-1).astype(np.int64)
+
+
+class _Order:
+    """Puts what was taken turn by turn in the order of its owners.
+
+    All fields of the elements of a sequence are taken in the same turns: what is worked out for the
+    first serves the others.
+    """
+
+    def __init__(self) -> None:
+        self.owners: IntArray = np.zeros(0, dtype=np.int64)
+        self._order: IntArray | None = None
+
+    def __call__(self, pieces: list[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
+        values = np.concatenate([value for _, value in pieces])
+        if not len(self.owners):
+            self.owners = np.concatenate([owner for owner, _ in pieces])
+            if not (np.diff(self.owners) >= 0).all():
+                self._order = np.argsort(self.owners, kind="stable")
+                self.owners = self.owners[self._order]
+        return values if self._order is None else values[self._order]

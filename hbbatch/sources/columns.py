@@ -1,4 +1,4 @@
-"""Detection messages as columns: a batch of messages, read one by one or walked together."""
+"""Messages as columns: a batch of messages, read one by one or walked together."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray, Names
-from hbbatch.sources.messages import DetectionMessage
+from hbbatch.sources.messages import DetectionMessage, TransformSample
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,38 @@ class DetectionColumns:
     class_names: Names
     foreign: int = 0
     unsure_yaws: int = 0
+
+
+@dataclass(frozen=True)
+class TransformColumns:
+    """A batch of messages of transforms or poses.
+
+    Attributes:
+        counts: `(m,)` samples of each message; the samples of all messages follow one another.
+        parents: n frames.
+        children: n frames, empty where a message does not say what the pose is of.
+        stamp_ns: `(n,)`, 0 when unset.
+        values: `(n, 7)` translation in metres, quaternion x, y, z, w of any length.
+    """
+
+    counts: IntArray
+    parents: Names
+    children: Names
+    stamp_ns: IntArray
+    values: FloatArray
+
+
+def from_samples(messages: Sequence[Sequence[TransformSample]]) -> TransformColumns:
+    """Columns of samples that were read message by message."""
+    samples = [sample for message in messages for sample in message]
+    values = [(*sample.translation_m, *sample.rotation) for sample in samples]
+    return TransformColumns(
+        counts=np.array([len(message) for message in messages], dtype=np.int64),
+        parents=Names.of([sample.parent for sample in samples]),
+        children=Names.of([sample.child for sample in samples]),
+        stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
+        values=np.array(values, dtype=np.float64).reshape(-1, 7),
+    )
 
 
 def from_messages(messages: Sequence[DetectionMessage]) -> DetectionColumns:

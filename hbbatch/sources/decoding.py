@@ -15,6 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
 
+from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
     Stores,
@@ -34,6 +35,9 @@ Decode = Callable[[bytes], Any]
 
 UNDECODABLE: Final = (
     SerdeError,
+    TypesysError,
+    SyntaxError,
+    NameError,
     struct.error,
     ValueError,
     IndexError,
@@ -47,7 +51,6 @@ UNDECODABLE: Final = (
 )
 """What is raised for bytes that do not fit their definition, or fields that are not there."""
 
-_BROKEN_DEFINITION: Final = (TypesysError, *UNDECODABLE)
 _ROS_TIME: Final = "int32 sec\nuint32 nanosec\n"
 _DEFAULT_DISTRO: Final = "humble"
 _DISTROS: Final = {
@@ -87,7 +90,7 @@ def decoder(channel: Channel, options: SourceOptions) -> Decoder:
         )
     try:
         return make(channel, options)
-    except _BROKEN_DEFINITION as error:
+    except UNDECODABLE as error:
         raise SourceError(
             f"topic {channel.topic}: the embedded definition of {channel.message_type} cannot be "
             f"used ({' '.join(str(error).split())}). Record the log again with full definitions."
@@ -101,8 +104,19 @@ def _embedded(channel: Channel, parse: Callable[..., Any]) -> Typestore:
     for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         types.setdefault(name, get_types_from_msg(_ROS_TIME, name)[name])
     store.register(types)
-    store.get_msgdef(channel.message_type)
+    _check_whole(store, channel.message_type)
     return store
+
+
+def _check_whole(store: Typestore, kind: str) -> None:
+    """Raise a KeyError unless a type and all that it holds are defined."""
+    for _, field in store.fielddefs[kind][1]:
+        node: Any = field[0]
+        argument: Any = field[1]
+        while node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            node, argument = argument[0]
+        if node == Nodetype.NAME:
+            _check_whole(store, argument)
 
 
 def _ros2(channel: Channel, _: SourceOptions) -> Decoder:
@@ -177,7 +191,7 @@ def _not_embedded(channel: Channel, options: SourceOptions) -> Decoder:
             "Give a folder of its .msg files with --msg-path."
         )
     for store in stores:
-        store.get_msgdef(kind)
+        _check_whole(store, kind)
     note = f"topic {channel.topic}: the log embeds no definition of {kind}, taken from elsewhere"
     return Decoder(
         partial(_first_that_fits, [partial(_cdr, store, kind) for store in stores]),

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,15 +31,16 @@ from hbbatch.sources.base import (
     Poses,
     SourceOptions,
 )
+from hbbatch.sources.columns import TransformColumns
 from hbbatch.sources.log_satellite import WORLD, SatelliteMessages
-from hbbatch.sources.messages import POSE_MESSAGES, TransformSample
+from hbbatch.sources.messages import POSE_MESSAGES
 from hbbatch.sources.messages.satellite import Fix, Orientation
 from hbbatch.sources.transforms import (
     EXTRAPOLATION_NS,
     FramePoses,
     TransformTree,
     frame_name,
-    is_transform,
+    usable,
 )
 
 _BOUND_S = EXTRAPOLATION_NS / 1e9
@@ -56,11 +57,13 @@ class _PoseTopic:
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
 
-    def add(self, sample: TransformSample, log_time_ns: int) -> None:
-        self.parent = self.parent or frame_name(sample.parent)
-        self.child = self.child or frame_name(sample.child)
-        self.stamps_ns.append(sample.stamp_ns or log_time_ns)
-        self.values.extend((*sample.translation_m, *sample.rotation))
+    def add(self, columns: TransformColumns, stamps_ns: IntArray) -> None:
+        for parent in columns.parents.vocabulary:
+            self.parent = self.parent or frame_name(parent)
+        for child in columns.children.vocabulary:
+            self.child = self.child or frame_name(child)
+        self.stamps_ns.frombytes(stamps_ns.tobytes())
+        self.values.frombytes(np.ascontiguousarray(columns.values).tobytes())
 
 
 @dataclass(frozen=True)
@@ -89,20 +92,42 @@ class PoseMessages:
         self._unusable = 0
         self._noted: set[str] = set()
 
-    def add_transform(self, topic: str, sample: TransformSample, log_time_ns: int) -> None:
-        """Take an edge of the transform tree; those of a topic `…tf_static` hold at all times."""
-        static = topic.endswith("tf_static")
-        self._unusable += not self.tree.add(sample, log_time_ns, static=static)
+    def add_transforms(self, topic: str, columns: TransformColumns, log_time_ns: IntArray) -> None:
+        """Take edges of the transform tree; those of a topic `…tf_static` hold at all times.
 
-    def add_pose(
-        self, topic: str, message_type: str, sample: TransformSample, log_time_ns: int
+        Args:
+            topic: where they were recorded.
+            columns: the messages.
+            log_time_ns: `(m,)` of the messages; a sample without a stamp counts then.
+        """
+        kept, stamps_ns = self._usable(columns, log_time_ns)
+        self.tree.add(kept, stamps_ns, static=topic.endswith("tf_static"))
+
+    def add_poses(
+        self, topic: str, message_type: str, columns: TransformColumns, log_time_ns: IntArray
     ) -> None:
-        """Take a pose that a topic gives."""
-        if not is_transform(sample):
-            self._unusable += 1
-            return
-        rank = list(POSE_MESSAGES).index(message_type)
-        self._topics.setdefault(topic, _PoseTopic(rank)).add(sample, log_time_ns)
+        """Take poses that a topic gives; arguments as above."""
+        kept, stamps_ns = self._usable(columns, log_time_ns)
+        if len(stamps_ns):
+            rank = list(POSE_MESSAGES).index(message_type)
+            self._topics.setdefault(topic, _PoseTopic(rank)).add(kept, stamps_ns)
+
+    def _usable(
+        self, columns: TransformColumns, log_time_ns: IntArray
+    ) -> tuple[TransformColumns, IntArray]:
+        """Samples that are transforms, and the times they hold at."""
+        of_message = np.repeat(log_time_ns, columns.counts)
+        stamps_ns = np.where(columns.stamp_ns == 0, of_message, columns.stamp_ns)
+        rows = np.flatnonzero(usable(columns))
+        self._unusable += len(stamps_ns) - len(rows)
+        kept = replace(
+            columns,
+            parents=columns.parents[rows],
+            children=columns.children[rows],
+            stamp_ns=columns.stamp_ns[rows],
+            values=columns.values[rows],
+        )
+        return kept, stamps_ns[rows]
 
     def add_satellite(self, topic: str, part: Fix | Orientation | None, log_time_ns: int) -> None:
         """Take a satellite fix or an orientation; None: the sender had none."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from hbbatch.sources.base import Findings, SourceOptions
-from hbbatch.sources.batched import ChannelReader, detection_reader, transform_reader
+from hbbatch.sources.batched import (
+    ChannelReader,
+    detection_reader,
+    satellite_reader,
+    transform_reader,
+)
 from hbbatch.sources.channels import Channel, RawMessage
 from hbbatch.sources.detection_store import DetectionStore
 from hbbatch.sources.log_poses import PoseMessages
@@ -18,7 +22,6 @@ from hbbatch.sources.messages import (
     SATELLITE_MESSAGES,
     TRANSFORM_MESSAGES,
     ReadDetections,
-    TransformSample,
 )
 
 
@@ -76,36 +79,25 @@ class LogScan:
         kind = channel.message_type
         if kind in self._detections:
             return detection_reader(channel, self._detections[kind], self._options)
-        return transform_reader(channel, _samples_of(kind), self._options)
+        if kind in SATELLITE_MESSAGES:
+            return satellite_reader(channel, SATELLITE_MESSAGES[kind], self._options)
+        read = TRANSFORM_MESSAGES.get(kind) or POSE_MESSAGES[kind]
+        return transform_reader(channel, read, self._options)
 
     def _flush(self, reader: ChannelReader[Any, Any]) -> None:
         flushed = reader.flush()
         if flushed is None:
             return
         said, entries = flushed
-        if reader.channel.message_type in self._detections:
+        topic, kind = reader.channel.topic, reader.channel.message_type
+        log_time_ns = np.array([m.log_time_ns for _, m in entries], dtype=np.int64)
+        if kind in self._detections:
             numbers = np.array([number for number, _ in entries], dtype=np.int64)
-            log_time_ns = np.array([m.log_time_ns for _, m in entries], dtype=np.int64)
             self.store.add(said, numbers, log_time_ns)
-            return
-        for samples, (_, message) in zip(said, entries, strict=True):
-            self._take_samples(message, samples)
-
-    def _take_samples(self, message: RawMessage, samples: Iterable[Any]) -> None:
-        topic, kind = message.channel.topic, message.channel.message_type
-        for sample in samples:
-            if not isinstance(sample, TransformSample):
-                self.poses.add_satellite(topic, sample, message.log_time_ns)
-            elif kind in TRANSFORM_MESSAGES:
-                self.poses.add_transform(topic, sample, message.log_time_ns)
-            else:
-                self.poses.add_pose(topic, kind, sample, message.log_time_ns)
-
-
-def _samples_of(kind: str) -> Callable[[Any], Iterable[Any]]:
-    """What a message of a type says of poses, as a list of parts."""
-    several = TRANSFORM_MESSAGES.get(kind) or POSE_MESSAGES.get(kind)
-    if several is not None:
-        return several
-    one = SATELLITE_MESSAGES[kind]
-    return lambda message: [one(message)]
+        elif kind in SATELLITE_MESSAGES:
+            for part, time_ns in zip(said, log_time_ns.tolist(), strict=True):
+                self.poses.add_satellite(topic, part, time_ns)
+        elif kind in TRANSFORM_MESSAGES:
+            self.poses.add_transforms(topic, said, log_time_ns)
+        else:
+            self.poses.add_poses(topic, kind, said, log_time_ns)

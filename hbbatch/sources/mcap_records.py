@@ -98,9 +98,12 @@ def _top_level(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Cont
             file.seek(position + _FRAME.size + length)
             continue
         if opcode == 0 or length > size - position - _FRAME.size:
+            passed = 1
             if opcode == CHUNK:
-                yield from _start_of_chunk(file.read(min(length, _LARGEST_CHUNK)), damage)
-            if not _seek_next(file, position, size, damage):
+                content = file.read(min(length, _LARGEST_CHUNK))
+                yield from _start_of_chunk(content, damage)
+                passed = _FRAME.size + _extent(content)
+            if not _seek_next(file, position, passed, size, damage):
                 return
             checksum = 0
         elif opcode in _KEPT:
@@ -129,9 +132,9 @@ def _check_data(file: BufferedReader, checksum: int, damage: Damage) -> None:
         damage.add("the checksum of the data section differs: some of what was read may be wrong")
 
 
-def _seek_next(file: BufferedReader, position: int, size: int, damage: Damage) -> bool:
-    """Go to the next record behind damage; False when there is none."""
-    following = _next_record(file, position + 1, size)
+def _seek_next(file: BufferedReader, position: int, passed: int, size: int, damage: Damage) -> bool:
+    """Go to the next record behind damage and what was read of it; False when there is none."""
+    following = _next_record(file, position + passed, size)
     if following is None:
         damage.add(f"the file ends early, at byte {size}: what follows byte {position} is lost")
         return False
@@ -257,6 +260,15 @@ def _decompress_start(compression: str, packed: Content, size: int) -> bytes:
     if compression == "zstd":
         return zstandard.ZstdDecompressor().decompressobj().decompress(packed)[:size]
     return _decompress(compression, packed, size)
+
+
+def _extent(content: bytes) -> int:
+    """Bytes that a chunk without a sound record length takes, by what its head says."""
+    try:
+        _, _, compression, packed = _chunk_head(content)
+    except DamagedRecordError:
+        return 0
+    return _CHUNK_HEAD.size + len(compression) + 8 + len(packed)
 
 
 def _indexed_messages(content: Content) -> int:

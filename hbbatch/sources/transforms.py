@@ -12,9 +12,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -23,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray
-from hbbatch.sources.messages.base import TransformSample
+from hbbatch.sources.columns import TransformColumns
 
 EXTRAPOLATION_NS: Final = 100_000_000
 WORLD_FRAMES: Final = ("map", "odom", "world", "earth")
@@ -34,10 +32,10 @@ def frame_name(frame_id: str) -> str:
     return frame_id.removeprefix("/")
 
 
-def is_transform(sample: TransformSample) -> bool:
-    """Whether all values of a sample are finite and its quaternion is not zero."""
-    finite = all(map(isfinite, (*sample.translation_m, *sample.rotation)))
-    return finite and any(sample.rotation)
+def usable(columns: TransformColumns) -> NDArray[np.bool_]:
+    """Samples whose values are all finite and whose quaternion is not zero, `(n,)`."""
+    turned: NDArray[np.bool_] = (columns.values[:, 3:] != 0).any(axis=1)
+    return np.isfinite(columns.values).all(axis=1) & turned
 
 
 @dataclass(frozen=True)
@@ -67,10 +65,9 @@ class _Edge:
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
 
-    def add(self, stamp_ns: int, translation_m: Sequence[float], rotation: Sequence[float]) -> None:
-        self.stamps_ns.append(stamp_ns)
-        self.values.extend(translation_m)
-        self.values.extend(rotation)
+    def add(self, stamps_ns: IntArray, values: FloatArray) -> None:
+        self.stamps_ns.frombytes(np.ascontiguousarray(stamps_ns, dtype=np.int64).tobytes())
+        self.values.frombytes(np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
     def sorted(self) -> tuple[IntArray, FloatArray, Rotation]:
         """Stamps, translations and rotations in time order, the last said of equal stamps."""
@@ -85,19 +82,23 @@ class TransformTree:
     def __init__(self) -> None:
         self._parents: defaultdict[str, dict[str, _Edge]] = defaultdict(dict)
 
-    def add(self, sample: TransformSample, log_time_ns: int, *, static: bool) -> bool:
-        """Take a sample; one without a stamp counts at its log time.
+    def add(self, columns: TransformColumns, stamps_ns: IntArray, *, static: bool) -> None:
+        """Take samples.
 
-        Returns:
-            False when it is no transform: a value is not finite, or the quaternion is zero.
+        Args:
+            columns: the samples, all of them usable.
+            stamps_ns: `(n,)` the times they hold at.
+            static: whether they hold at all times.
         """
-        if not is_transform(sample):
-            return False
-        edges = self._parents[frame_name(sample.child)]
-        edge = edges.setdefault(frame_name(sample.parent), _Edge())
-        edge.moving |= not static
-        edge.add(sample.stamp_ns or log_time_ns, sample.translation_m, sample.rotation)
-        return True
+        pairs = columns.parents.codes * len(columns.children.vocabulary) + columns.children.codes
+        order = np.argsort(pairs, kind="stable")
+        for rows in np.split(order, np.flatnonzero(np.diff(pairs[order])) + 1):
+            if len(rows):
+                parent = columns.parents.vocabulary[columns.parents.codes[rows[0]]]
+                child = columns.children.vocabulary[columns.children.codes[rows[0]]]
+                edge = self._parents[frame_name(child)].setdefault(frame_name(parent), _Edge())
+                edge.moving |= not static
+                edge.add(stamps_ns[rows], columns.values[rows])
 
     def hang(
         self,
@@ -117,10 +118,7 @@ class TransformTree:
         root_rotation = Rotation.from_quat(rotation) * Rotation.from_quat(fixed.rotation).inv()
         root_m = translation_m - root_rotation.apply(fixed.translation_m)
         edge = self._parents[root].setdefault(frame_name(parent), _Edge(moving=True))
-        for stamp, place, turn in zip(
-            stamps_ns.tolist(), root_m.tolist(), root_rotation.as_quat().tolist(), strict=True
-        ):
-            edge.add(stamp, place, turn)
+        edge.add(stamps_ns, np.column_stack([root_m, root_rotation.as_quat()]))
 
     def static_root(self, frame: str) -> str:
         """The topmost frame that static transforms lead to from a frame."""

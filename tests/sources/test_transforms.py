@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hbbatch.sources.columns import from_samples
+from hbbatch.sources.log_poses import PoseMessages
 from hbbatch.sources.messages import TransformSample
-from hbbatch.sources.transforms import EXTRAPOLATION_NS, TransformTree
+from hbbatch.sources.transforms import EXTRAPOLATION_NS, TransformTree, usable
 from tests.logs import about_z
 
 SECOND = 1_000_000_000
@@ -28,8 +30,9 @@ def add(
     *,
     static: bool = False,
 ) -> bool:
-    sample = TransformSample(parent, child, time_ns, (x, 0.0, 0.0), rotation)
-    return tree.add(sample, time_ns + 5, static=static)
+    columns = from_samples([[TransformSample(parent, child, time_ns, (x, 0.0, 0.0), rotation)]])
+    tree.add(columns, columns.stamp_ns, static=static)
+    return bool(usable(columns)[0])
 
 
 def driving_tree() -> TransformTree:
@@ -138,8 +141,7 @@ def test_a_quaternion_of_any_length_is_the_rotation_it_points_to() -> None:
 
 
 def test_without_a_stamp_the_log_time_counts() -> None:
-    tree = TransformTree()
-    tree.add(
-        TransformSample("map", "base_link", 0, (1.0, 0, 0), _NO_TURN), 7 * SECOND, static=False
-    )
-    assert tree.poses("base_link", "map", np.array([7 * SECOND])).exact[0]
+    poses = PoseMessages()
+    columns = from_samples([[TransformSample("map", "base_link", 0, (1.0, 0, 0), _NO_TURN)]])
+    poses.add_transforms("/tf", columns, np.array([7 * SECOND]))
+    assert poses.tree.poses("base_link", "map", np.array([7 * SECOND])).exact[0]
