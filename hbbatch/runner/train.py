@@ -95,7 +95,8 @@ def train(
     if out.suffix != ".safetensors":
         raise UsageError(f"{out}: weights are written as .safetensors. Choose such a name.")
     start = time.perf_counter()
-    labelled = [(Dataset.open(root), _labelled(Dataset.open(root))) for root in roots]
+    datasets = [Dataset.open(root) for root in roots]
+    labelled = [(dataset, _labelled(dataset)) for dataset in datasets]
     _check_held_out(labelled, hold_out)
     used = [(d, [s for s in ids if s not in hold_out]) for d, ids in labelled]
     judged = [(d, [s for s in ids if s in hold_out]) for d, ids in labelled] if hold_out else used

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import BOX_FIELDS, FloatArray, transform_boxes
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import associate
+from hbbatch.tracking.association import Pairs, associate
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 
 _MATCHING = AssociationSettings(cost="ciou_3d", max_cost=1.2)
@@ -59,45 +59,54 @@ def trajectories(
         class_names: classes of `frames`.
         kind_of_class: kind code of every class to be used.
     """
-    known = pc.is_in(labels["class_name"], pa.array(list(kind_of_class)))
-    kept = labels.filter(pc.and_(known, pc.greater_equal(labels["object_id"], 0)))
-    kept = kept.sort_by([("object_id", "ascending"), ("frame_index", "ascending")])
-    frame = kept["frame_index"].to_numpy().astype(np.int64)
-    sensor = np.stack([kept[name].to_numpy() for name in BOX_FIELDS], axis=1)
+    objects = _objects(labels, list(kind_of_class))
+    frame = objects["frame_index"].to_numpy().astype(np.int64)
+    sensor = np.stack([objects[name].to_numpy() for name in BOX_FIELDS], axis=1)
     truth = transform_boxes(sensor, frames.rotation[frame], frames.translation_m[frame])
-    kind = np.array([kind_of_class[name] for name in kept["class_name"].to_pylist()], np.int64)
-    kinds = max(kind_of_class.values()) + 1
+    kind = np.array([kind_of_class[name] for name in objects["class_name"].to_pylist()], np.int64)
     kind_of_code = np.array([kind_of_class[name] for name in class_names])
-    detection_frame = np.repeat(np.arange(frames.frame_count), np.diff(frames.offsets))
-    pairs = associate(
-        truth,
-        frame * kinds + kind,
-        frames.boxes,
-        detection_frame * kinds + kind_of_code[frames.class_codes],
-        _MATCHING,
-    )
-    measured, score = truth.copy(), np.zeros(len(frame))
+    pairs = _matched(truth, frame, kind, frames, kind_of_code)
     seen = np.zeros(len(frame), bool)
-    sight_m = truth[:, :3] - frames.translation_m[frame]
     seen[pairs.track] = True
-    measured[pairs.track] = frames.boxes[pairs.detection]
-    score[pairs.track] = frames.scores[pairs.detection]
-    sight_m[pairs.track] = frames.sight_m[pairs.detection]
+    first = _run_starts(objects["object_id"].to_numpy(), frame)
     timestamp = frames.timestamp_ns[frame]
-    first = _run_starts(kept["object_id"].to_numpy(), frame)
     dt_s = np.diff(timestamp, prepend=timestamp[:1]) * 1e-9
     dt_s[first] = 0.0
     return Trajectories(
-        first,
-        np.diff(first, append=len(frame)),
-        kind[first],
-        truth,
-        measured,
-        seen,
-        sight_m,
-        score,
-        dt_s,
+        first_row=first,
+        length=np.diff(first, append=len(frame)),
+        kind_code=kind[first],
+        truth=truth,
+        measured=_replaced(truth, pairs, frames.boxes),
+        seen=seen,
+        sight_m=_replaced(truth[:, :3] - frames.translation_m[frame], pairs, frames.sight_m),
+        score=_replaced(np.zeros(len(frame)), pairs, frames.scores),
+        dt_s=dt_s,
     )
+
+
+def _objects(labels: pa.Table, classes: list[str]) -> pa.Table:
+    """Labels of the wanted classes that have an identity, object after object."""
+    known = pc.is_in(labels["class_name"], pa.array(classes))
+    kept = labels.filter(pc.and_(known, pc.greater_equal(labels["object_id"], 0)))
+    return kept.sort_by([("object_id", "ascending"), ("frame_index", "ascending")])
+
+
+def _matched(
+    truth: FloatArray, frame: IntArray, kind: IntArray, frames: SequenceFrames, kinds: IntArray
+) -> Pairs:
+    """Labels (as `track`) and detections of the same frame and kind that belong together."""
+    count = max(kind.max(initial=0), kinds.max(initial=0)) + 1
+    detection_frame = np.repeat(np.arange(frames.frame_count), np.diff(frames.offsets))
+    detection_block = detection_frame * count + kinds[frames.class_codes]
+    return associate(truth, frame * count + kind, frames.boxes, detection_block, _MATCHING)
+
+
+def _replaced(values: FloatArray, pairs: Pairs, by: FloatArray) -> FloatArray:
+    """Values of labels, those of the matched detections where there is one."""
+    replaced = values.copy()
+    replaced[pairs.track] = by[pairs.detection]
+    return replaced
 
 
 def join(parts: Sequence[Trajectories]) -> Trajectories:
