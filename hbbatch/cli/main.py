@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from hbbatch import __version__
+from hbbatch.cli.bench import bench
 from hbbatch.cli.calibrate import calibrate
 from hbbatch.cli.demo import demo
 from hbbatch.cli.eval import evaluate
@@ -41,6 +42,7 @@ app.command()(calibrate)
 app.command()(relabel)
 app.command()(demo)
 app.command()(train)
+app.command()(bench)
 app.command()(study)
 app.add_typer(weights_app, name="weights")
 

@@ -83,9 +83,9 @@ def _matches(
 
 def _measurement(frames: SequenceFrames, row: int) -> Measurement:
     return Measurement(
-        torch.from_numpy(frames.boxes[row : row + 1]),
-        torch.from_numpy(frames.sight_m[row : row + 1]).float(),
-        torch.from_numpy(frames.scores[row : row + 1]).float(),
+        torch.tensor(frames.boxes[[row]]),
+        torch.tensor(frames.sight_m[[row]], dtype=torch.float32),
+        torch.tensor(frames.scores[[row]], dtype=torch.float32),
     )
 
 

@@ -1,0 +1,126 @@
+"""What tracking a group takes: seconds by stage, rows stepped, multiply-adds of the network.
+
+Used by `hbbatch bench`; refining and files are not part of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import nn
+
+from hbbatch.config import TrackSettings
+from hbbatch.model.packed_hybrid import packed
+from hbbatch.model.weights import load_filter
+from hbbatch.tracking.bank import FilterBank, TensorBank
+from hbbatch.tracking.frames import SequenceFrames
+from hbbatch.tracking.lockstep import LockStep
+from hbbatch.tracking.packed_bank import PackedBank
+from hbbatch.tracking.plain import track_plainly
+from hbbatch.tracking.schedule import Schedule, schedule
+from hbbatch.tracking.tracks import StageSeconds
+
+Way = Literal["packed", "tensors"]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What stepping a group took.
+
+    Attributes:
+        seconds: all in all.
+        stages: the same by stage.
+        steps: lock steps.
+        predicted: track steps predicted.
+        updated: track steps corrected by a detection.
+    """
+
+    seconds: float
+    stages: StageSeconds
+    steps: int
+    predicted: int
+    updated: int
+
+
+class Workload:
+    """A filter ready to be measured, in one thread."""
+
+    def __init__(self, settings: TrackSettings) -> None:
+        """Load the filter that the settings name."""
+        torch.set_num_threads(1)
+        loaded = load_filter(settings.filter, settings.weights, settings.classes)
+        self.class_names = loaded.class_names
+        self._settings = settings
+        self._motion = loaded.motion.eval()
+        self._kinds = np.array(loaded.kind_codes)
+
+    @torch.inference_mode()
+    def step(self, group: Sequence[SequenceFrames], way: Way = "packed") -> Effort:
+        """Track a group in lock step."""
+        start = perf_counter()
+        plan = schedule(group)
+        bank = _Counting(self._bank(plan, way))
+        stages = StageSeconds()
+        for _, _, share in LockStep(plan, bank, self._kinds, self._settings).run():
+            for stage, seconds in vars(share).items():
+                setattr(stages, stage, getattr(stages, stage) + float(seconds))
+        seconds = perf_counter() - start
+        return Effort(seconds, stages, plan.steps, bank.predicted, bank.updated)
+
+    def step_plainly(self, frames: SequenceFrames) -> float:
+        """Seconds that the plain loop takes for a sequence."""
+        start = perf_counter()
+        track_plainly(frames, self._motion, self._kinds, self._settings)
+        return perf_counter() - start
+
+    def multiply_adds(self) -> tuple[int, int]:
+        """Of the network, for one track: to predict and to correct."""
+        parts = dict(self._motion.named_children())
+        return _weights(parts.get("residual")), _weights(parts.get("gain"))
+
+    def _bank(self, plan: Schedule, way: Way) -> FilterBank:
+        if way == "packed":
+            return PackedBank(packed(self._motion), plan, self._kinds[plan.class_codes])
+        return TensorBank(self._motion, plan, torch.device("cpu"))
+
+
+def sgemm_rate(rows: int, inner: int, columns: int, seconds: float = 0.3) -> float:
+    """Multiply-adds a second of float32 matrix products of a size, in this thread."""
+    first, second = torch.randn(rows, inner), torch.randn(inner, columns)
+    times: list[float] = []
+    end = perf_counter() + seconds
+    while perf_counter() < end or len(times) < 5:
+        start = perf_counter()
+        torch.mm(first, second)
+        times.append(perf_counter() - start)
+    return rows * inner * columns / float(np.median(times))
+
+
+def _weights(part: nn.Module | None) -> int:
+    if part is None:
+        return 0
+    return sum(parameter.numel() for parameter in part.parameters() if parameter.dim() == 2)
+
+
+class _Counting:
+    """A bank that counts the rows it is asked to step."""
+
+    def __init__(self, bank: FilterBank) -> None:
+        self._bank = bank
+        self.predicted = self.updated = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bank, name)
+
+    def predict(self, dt_s: Any, damping: Any) -> Any:
+        self.predicted += len(dt_s)
+        return self._bank.predict(dt_s, damping)
+
+    def update(self, detections: Any) -> None:
+        self.updated += len(detections)
+        self._bank.update(detections)

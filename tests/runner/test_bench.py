@@ -1,0 +1,67 @@
+"""The benchmark runs through and writes where it is told to; its figures are not judged here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbbatch.config import TrackSettings
+from hbbatch.errors import UsageError
+from hbbatch.runner import bench as bench_module
+from hbbatch.runner.bench import BenchRequest, bench, synthetic_crowd
+from hbbatch.runner.bench_report import BEGIN, END, as_markdown, write_markdown
+from tests.runner.small_dataset import make_dataset
+
+DOCUMENT = f"# Speed\n\nHow.\n\n{BEGIN}\nold figures\n{END}\n\nWhy.\n"
+
+
+def test_every_table_is_measured_and_nothing_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_module, "CROWDS", (3,))
+    monkeypatch.setattr(bench_module, "BUSY_CROWD", 3)
+    dataset = make_dataset(tmp_path / "small", "a", "b")
+    request = BenchRequest(
+        datasets=(dataset.root,),
+        end_to_end=dataset.root,
+        settings=TrackSettings(),
+        runs=1,
+        repeats=(1,),
+    )
+    told: list[str] = []
+    tables = bench(request, told.append)
+    assert len(tables) == len(told) == 7
+    assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
+    by_title = {table.title: table for table in tables}
+    (row, _) = next(t for title, t in by_title.items() if title.startswith("Stepping")).rows
+    assert row[:3] == ("small", "6", "8")  # two tracks a sequence, predicted in two of three frames
+    assert not list((dataset.root / "runs").iterdir())
+
+
+def test_a_crowd_keeps_its_density() -> None:
+    for tracks in (10, 1000):
+        crowd = synthetic_crowd(tracks, frames=20, seed=0)
+        assert len(crowd.boxes) == pytest.approx(0.95 * 20 * tracks, rel=0.1)
+        first = crowd.boxes[: crowd.offsets[1]]
+        area = np.prod(np.ptp(first[:, :2], axis=0))
+        assert area / tracks == pytest.approx(100, rel=0.5)
+
+
+def test_figures_replace_what_stands_between_the_markers(tmp_path: Path) -> None:
+    path = tmp_path / "performance.md"
+    path.write_text(DOCUMENT)
+    table = bench_module.Table("This core", ("figure", "value"), [("rate", "1")], "A note.")
+    write_markdown(path, [table])
+    text = path.read_text()
+    assert "old figures" not in text
+    assert text.startswith("# Speed\n\nHow.")
+    assert text.endswith("Why.\n")
+    assert as_markdown([table]) in text
+    assert "| rate | 1 |" in text
+
+
+def test_a_document_without_markers_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="to write between"):
+        write_markdown(tmp_path / "missing.md", [])
