@@ -11,6 +11,7 @@ from hbbatch.errors import SourceError
 from hbbatch.sources.bag import BagLog, is_bag_file
 from hbbatch.sources.base import Source, SourceOptions, source_errors
 from hbbatch.sources.kitti import KittiSource, is_kitti_folder
+from hbbatch.sources.kitti_raw import KittiRawSource, is_kitti_raw_drive
 from hbbatch.sources.log import LogSource
 from hbbatch.sources.mcap import McapLog, is_mcap_file
 from hbbatch.sources.rosbag2 import PackedLog, Rosbag2Log, is_packed_log, is_rosbag2_folder
@@ -33,6 +34,11 @@ class Format:
 
 
 FORMATS: Final = (
+    Format(
+        "a KITTI raw drive (oxts/data, oxts/timestamps.txt)",
+        is_kitti_raw_drive,
+        KittiRawSource,
+    ),
     Format(
         "a KITTI tracking folder (calib, oxts, label_02)",
         is_kitti_folder,

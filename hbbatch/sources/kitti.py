@@ -21,7 +21,6 @@ from hbbatch.sources.base import (
     CameraCalibration,
     Description,
     Findings,
-    FrameBatch,
     Labels,
     Names,
     Poses,
@@ -33,6 +32,7 @@ from hbbatch.sources.kitti_detections import (
     KittiDetections,
     detected_sequences,
     detection_files,
+    frame_batch,
     read_detections,
 )
 from hbbatch.sources.kitti_geometry import (
@@ -144,7 +144,7 @@ class KittiSequence:
         poses = poses if len(poses) else Poses.identity(frame_count)
         reading = SequenceReading(
             sequence_id=self.sequence_id,
-            batches=iter([_frames(detections, poses)]),
+            batches=iter([frame_batch(detections, np.arange(len(poses)) * FRAME_NS, poses)]),
             labels=labels,
             calibration=self._camera(calibration, detections, labels, findings),
             findings=findings,
@@ -219,22 +219,6 @@ class KittiSequence:
         if size is None:
             return None
         return CameraCalibration(image_from_sensor, *size, SENSOR_FRAME)
-
-
-def _frames(detections: KittiDetections, poses: Poses) -> FrameBatch:
-    frames = len(poses)
-    return FrameBatch(
-        timestamp_ns=np.arange(frames) * FRAME_NS,
-        log_time_ns=None,
-        frame_ids=Names.of([SENSOR_FRAME] * frames),
-        poses=poses,
-        box_counts=np.bincount(detections.frame_index, minlength=frames),
-        boxes=detections.boxes,
-        scores=detections.scores,
-        class_names=Names.of(detections.class_names),
-        image_boxes=detections.image_boxes,
-        source_rows=detections.lines,
-    )
 
 
 def _png_size(path: Path) -> tuple[int, int]:

@@ -16,9 +16,9 @@ import numpy as np
 
 from hbbatch.boxes import FloatArray
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import IntArray, flat_boxes
+from hbbatch.sources.base import FrameBatch, IntArray, Names, Poses, flat_boxes
 from hbbatch.sources.classes import is_known_class, normalise_class
-from hbbatch.sources.kitti_geometry import sensor_boxes
+from hbbatch.sources.kitti_geometry import SENSOR_FRAME, sensor_boxes
 from hbbatch.sources.kitti_text import FRAME_LAYOUT, TextRows, parse_rows
 
 SIZES_MUST_BE_POSITIVE: Final = "height, width and length must be greater than zero"
@@ -48,6 +48,23 @@ class KittiDetections:
     def frames_needed(self) -> int:
         """Frames a sequence must have to hold them all."""
         return int(self.frame_index[-1]) + 1 if len(self.frame_index) else 0
+
+
+def frame_batch(detections: KittiDetections, stamps_ns: IntArray, poses: Poses) -> FrameBatch:
+    """All frames of a sequence with their detections."""
+    frames = len(poses)
+    return FrameBatch(
+        timestamp_ns=stamps_ns,
+        log_time_ns=None,
+        frame_ids=Names.of([SENSOR_FRAME] * frames),
+        poses=poses,
+        box_counts=np.bincount(detections.frame_index, minlength=frames),
+        boxes=detections.boxes,
+        scores=detections.scores,
+        class_names=Names.of(detections.class_names),
+        image_boxes=detections.image_boxes,
+        source_rows=detections.lines,
+    )
 
 
 def detection_files(folder: Path, sequence_id: str) -> list[Path]:

@@ -74,11 +74,16 @@ def read_calibration(path: Path) -> KittiCalibration:
     for number, line in enumerate(read_text(path).splitlines()):
         key, *texts = line.replace(":", " ", 1).split() or [""]
         if key in _KEYS:
-            matrices[_KEYS[key]] = _matrix(path, number, key, texts)
+            matrices[_KEYS[key]] = matrix_of(path, number, key, texts)
     return KittiCalibration(path, matrices)
 
 
-def _matrix(path: Path, line: int, key: str, texts: list[str]) -> FloatArray:
+def matrix_of(path: Path, line: int, key: str, texts: list[str]) -> FloatArray:
+    """A matrix of 9 or 12 numbers, padded to `(4, 4)`.
+
+    Raises:
+        SourceError: they are not, naming file, line and key.
+    """
     try:
         values = np.array([float(text) for text in texts])
     except ValueError:

@@ -300,3 +300,37 @@ def test_dataset_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="newer hbbatch"):
         ingest([source], tmp_path / "out", force=True)
     assert files(tmp_path / "out") == before
+
+
+# --- recordings that pause, and many of them -----------------------------------------------------
+
+
+def write_paused(path: Path, seconds: tuple[int, ...]) -> Path:
+    log = logs.LogWriter()
+    for second in seconds:
+        item = logs.detection((10.0, 2.0, 0.5, 4.0, 2.0, 1.5, 0.3), [("car", 0.9)])
+        log.add("/d", second, logs.detections(second * SECOND, "map", [item]))
+    return log.write(path)
+
+
+def test_parts_of_a_recording_come_and_go_with_it(tmp_path: Path) -> None:
+    source = write_paused(tmp_path / "drive.mcap", (1, 2, 3, 100, 101))
+    two = {"drive-000": "ingested", "drive-001": "ingested"}
+    assert statuses(ingest([source], tmp_path / "out")) == two
+    again = ingest([source], tmp_path / "out")
+    assert statuses(again) == dict.fromkeys(two, "unchanged")
+    write_paused(source, (1, 2, 3))
+    assert statuses(ingest([source], tmp_path / "out")) == {"drive": "ingested"}
+    dataset = Dataset.open(tmp_path / "out")
+    assert dataset.sequence_ids() == ["drive"]
+    assert not dataset.path("poses", "drive-001").exists()
+
+
+def test_several_processes_write_what_one_does(tmp_path: Path) -> None:
+    (tmp_path / "drives").mkdir()
+    for name in "abc":
+        write_drive(tmp_path / "drives" / f"{name}.mcap", 5)
+    ingest([tmp_path / "drives"], tmp_path / "one")
+    report = ingest([tmp_path / "drives"], tmp_path / "many", workers=2)
+    assert statuses(report) == dict.fromkeys("abc", "ingested")
+    assert files(tmp_path / "one") == files(tmp_path / "many")

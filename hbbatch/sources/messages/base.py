@@ -130,5 +130,7 @@ def quaternion_yaw(rotation: FloatArray) -> FloatArray:
     A quaternion of zeros, which senders leave when they know no orientation, gives 0.
     """
     x, y, z, w = rotation.T
-    yaw: FloatArray = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    # Numbers of a damaged message may be too large to square; what is not finite is left out later.
+    with np.errstate(over="ignore", invalid="ignore"):
+        yaw: FloatArray = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return yaw
