@@ -7,11 +7,13 @@ Defaults are the ones that measured best by cross-validation on the KITTI traini
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from hbbatch.errors import ConfigError
 
@@ -24,9 +26,9 @@ _MAX_COST: dict[CostName, float] = {"ciou_3d": 1.2, "l2": 4.0, "l2_size": 6.0, "
 
 
 class Settings(BaseModel):
-    """Base of all settings: immutable, unknown keys are errors."""
+    """Base of all settings: immutable, unknown keys and numbers that are not finite are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class AssociationSettings(Settings):
@@ -171,7 +173,23 @@ def validate(model: type[_Model], content: dict[str, Any], what: str) -> _Model:
         return model.model_validate(content)
     except ValidationError as error:
         faults = "; ".join(
-            f"{'.'.join(map(str, fault['loc'])) or 'top level'}: {fault['msg']}"
+            f"{'.'.join(map(str, fault['loc'])) or 'top level'}: {_fault(model, fault)}"
             for fault in error.errors()
         )
         raise ConfigError(f"{what}: {faults}.") from error
+
+
+def _fault(model: type[BaseModel], fault: ErrorDetails) -> str:
+    if fault["type"] != "extra_forbidden":
+        return fault["msg"]
+    known = _settings_at(model, fault["loc"][:-1]).model_fields
+    return f"unknown setting; known are {', '.join(known)}"
+
+
+def _settings_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
+    """The settings nested in others at a location; numbers in it are places in a list."""
+    for name in (part for part in location if isinstance(part, str)):
+        annotation = model.model_fields[name].annotation
+        kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
+        model = next(kind for kind in kinds if issubclass(kind, BaseModel))
+    return model

@@ -51,7 +51,7 @@ def load_job(path: Path) -> RelabelJob:
     job = _anchored(validate(RelabelJob, content, str(path)), path.resolve().parent)
     faults = [*_missing(job), *_unfit(job)]
     if faults:
-        raise ConfigError(f"{path}: {'; '.join(faults)}")
+        raise ConfigError(f"{path}: {' '.join(faults)}")
     return job
 
 
@@ -109,7 +109,8 @@ def _missing(job: RelabelJob) -> list[str]:
 def _unfit(job: RelabelJob) -> list[str]:
     try:
         open_weights(job.track.filter, job.track.weights, job.track.classes)
-        check_name(job.run or "default", "run name")
+        if job.run is not None:
+            check_name(job.run, "run name")
     except HbbatchError as error:
         return [str(error)]
     return []

@@ -190,7 +190,8 @@ def track(
     check_device(request.device)
     dataset = Dataset.open(request.dataset)
     rows = select(dataset.catalog(), request.sequence_ids)
-    run = dataset.run(request.run or default_run_name(request.settings))
+    name = default_run_name(request.settings) if request.run is None else request.run
+    run = dataset.run(name)
     read_manifest(run)
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner, Result
 
 from hbbatch.cli.main import app
@@ -113,3 +114,22 @@ def test_ctrl_c_ends_quietly_with_130_and_leaves_no_half_written_file(tmp_path: 
         "interrupted: sequences that had ended are kept, the same command goes on"
     )
     assert not list(tmp_path.rglob("*.partial"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--min-score", "nan"), "min_score: Input should be a finite number"),
+        (("--min-score", "inf"), "min_score: Input should be a finite number"),
+        (("--run", ""), "run name ''"),
+    ],
+)
+def test_what_cannot_be_a_setting_or_name_is_a_usage_error(
+    tmp_path: Path, arguments: tuple[str, str], expected: str
+) -> None:
+    make_dataset(tmp_path, "a")
+    result = hbbatch_track(tmp_path, *arguments)
+    assert isinstance(result.exception, HbbatchError)
+    assert result.exception.exit_status == 2
+    assert expected in str(result.exception)
+    assert not (tmp_path / "runs").exists()

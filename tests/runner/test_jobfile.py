@@ -60,7 +60,8 @@ def test_all_faults_are_told_at_once(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        (GOOD + "worker: 3\n", "worker: Extra inputs"),
+        (GOOD + "worker: 3\n", "worker: unknown setting; known are dataset, sources, track"),
+        (GOOD + 'run: ""\n', "run name ''"),
         (GOOD.replace("kalman", "particle"), "track.filter"),
         (GOOD + "workers: 0\n", "workers"),
         ("dataset: out\nsources: []\n", "sources"),
