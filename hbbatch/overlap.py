@@ -40,10 +40,13 @@ def relative_pose(first: FloatArray, second: FloatArray) -> FloatArray:
     Returns:
         `(4, n)`: centre along and across the second box's heading, cosine and sine of the turn.
     """
+    pose = np.empty((4, len(first)))
     x, y = first[:, X] - second[:, X], first[:, Y] - second[:, Y]
-    cos, sin = np.cos(second[:, YAW]), np.sin(second[:, YAW])
-    turn = first[:, YAW] - second[:, YAW]
-    return np.stack([cos * x + sin * y, cos * y - sin * x, np.cos(turn), np.sin(turn)])
+    angles = np.stack([second[:, YAW], first[:, YAW] - second[:, YAW]])
+    (cos, pose[2]), (sin, pose[3]) = np.cos(angles), np.sin(angles)
+    np.add(cos * x, sin * y, out=pose[0])
+    np.subtract(cos * y, sin * x, out=pose[1])
+    return pose
 
 
 def rectangle_intersection(
@@ -139,7 +142,8 @@ def _length_inside(middle: FloatArray, edge: FloatArray, limit: FloatArray) -> F
     An edge is middle + t·edge, t from -1 to 1; `limit` `(axis, rectangle, n)` is half the size of
     the upright rectangle that cuts it.
     """
-    inverse = 1.0 / np.where(np.abs(edge) < _TINY, _TINY, edge)
+    # Adding next to nothing changes an edge only where it is zero.
+    inverse = 1.0 / (edge + _TINY)
     crossing = middle * inverse[:, :, :, None]
     reach = (limit[:, :, None] * np.abs(inverse))[:, :, :, None]
     leave = np.minimum(*(crossing + reach))

@@ -11,6 +11,7 @@ recursions serve tensors `(n, axes)` with times `(n, 1)` and numpy arrays `(axes
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -61,16 +62,23 @@ def propagate(
     predicted = {}
     for i, j in pairs(order):
         total = noise * (powers[2 * order - 2 - i - j] / _noise_divisor(order, i, j))
-        for a in range(i, order):
-            for b in range(j, order):
-                block = covariance[min(a, b), max(a, b)]
-                if (lag := a - i + b - j) == 0:
-                    total = total + block
-                else:
-                    divisor = math.factorial(a - i) * math.factorial(b - j)
-                    total = total + block * (powers[lag - 1] / divisor)
+        for (a, b), weight in _ancestors(order, i, j).items():
+            block, lag = covariance[a, b], a + b - i - j
+            total = total + (block * (weight * powers[lag - 1]) if lag else block)
         predicted[i, j] = total
     return predicted
+
+
+@cache
+def _ancestors(order: int, i: int, j: int) -> dict[tuple[int, int], float]:
+    """Which blocks a step mixes into block (i, j), and the factor of dt^(a + b - i - j)."""
+    weights: dict[tuple[int, int], float] = {}
+    for a in range(i, order):
+        for b in range(j, order):
+            pair = min(a, b), max(a, b)
+            weight = 1.0 / (math.factorial(a - i) * math.factorial(b - j))
+            weights[pair] = weights.get(pair, 0.0) + weight
+    return weights
 
 
 def _noise_divisor(order: int, i: int, j: int) -> int:

@@ -196,7 +196,7 @@ class PackedInnovation:
         self.motion[2] = local[2]
         self.motion[3] = wrap_half_turn(difference[6])
         self.size = local[3:6]
-        self.flipped = np.abs(wrap_angle(difference[6])) > np.pi / 2
+        self.flipped = np.cos(difference[6]) < 0.0
 
 
 def move(boxes: FloatArray, motion: Single, size: Single, cos: Single, sin: Single) -> None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, FloatArray, X, Y, Z
+from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, FloatArray, X, Z
 from hbbatch.config import AssociationSettings, CostName
 from hbbatch.overlap import rectangle_intersection, relative_pose, volume
 
@@ -145,41 +145,42 @@ def candidates(
     A sweep along x: every track looks up the strip it can reach among the sorted detections, so
     the work grows with neighbours and not with tracks × detections.
     """
-    strip = track_reach_m + targets.reach_m.max(initial=0.0)
     x = priors[:, X]
-    first = targets.key.searchsorted(_key(x - strip, track_block, targets.low_m, targets.high_m))
-    end = targets.key.searchsorted(
-        _key(x + strip, track_block, targets.low_m, targets.high_m), side="right"
-    )
+    bounds = np.empty((2, len(x)))
+    strip = track_reach_m + targets.reach_m.max(initial=0.0)
+    np.subtract(x, strip, out=bounds[0])
+    np.add(x, strip, out=bounds[1])
+    first, end = targets.key.searchsorted(_key(bounds, track_block, targets.low_m, targets.high_m))
     count = end - first
-    track = np.arange(len(priors)).repeat(count)
+    track = np.arange(len(x)).repeat(count)
     place = np.arange(len(track))
-    place += (first - (count.cumsum() - count)).repeat(count)
+    place += (first - (count.cumsum() - count))[track]
     detection = targets.order[place]
-    across = x[track] - targets.boxes[:, X][detection]
-    along = priors[:, Y][track] - targets.boxes[:, Y][detection]
+    apart = priors[:, :2].take(track, axis=0) - targets.boxes[:, :2].take(detection, axis=0)
     limit = track_reach_m[track] + targets.reach_m[detection]
-    near = np.flatnonzero(across * across + along * along < limit * limit)
+    near = np.flatnonzero(np.einsum("ij,ij->i", apart, apart) < limit * limit)
     return Pairs(track[near], detection[near])
 
 
 def greedy(pairs: Pairs) -> Pairs:
     """Greedy matching of pairs sorted by cost: the cheapest free pair is taken, again and again.
 
-    A plain walk: candidates are few a track, and one costs less here than its share of the array
-    operations it takes to find independent pairs in rounds.
+    Most pairs have no rival and are taken at once. The others are walked one by one: they are few
+    a track, and rounds of array operations to find independent ones would cost more.
     """
     if not len(pairs.track):
         return pairs
-    track_free = bytearray(b"\1") * (int(pairs.track.max()) + 1)
-    detection_free = bytearray(b"\1") * (int(pairs.detection.max()) + 1)
-    taken = []
-    walk = zip(pairs.track.tolist(), pairs.detection.tolist(), strict=True)
-    for number, (track, detection) in enumerate(walk):
+    tracks, detections = np.bincount(pairs.track), np.bincount(pairs.detection)
+    taken = (tracks[pairs.track] == 1) & (detections[pairs.detection] == 1)
+    rivals = np.flatnonzero(~taken)
+    track_free, detection_free = bytearray(b"\1") * len(tracks), bytearray(b"\1") * len(detections)
+    contested = pairs.take(rivals)
+    walk = (rivals.tolist(), contested.track.tolist(), contested.detection.tolist())
+    for number, track, detection in zip(*walk, strict=True):
         if track_free[track] and detection_free[detection]:
             track_free[track] = detection_free[detection] = 0
-            taken.append(number)
-    return pairs.take(np.array(taken))
+            taken[number] = True
+    return pairs.take(np.flatnonzero(taken))
 
 
 def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:
@@ -223,7 +224,8 @@ class _Around(NamedTuple):
     def spread(self, axes: int) -> FloatArray:
         """Squared distance of the centres over the squared diagonal of the box around both."""
         distance, span = self.distance[:axes], self.span[:axes]
-        spread: FloatArray = (distance * distance).sum(axis=0) / (span * span).sum(axis=0)
+        spread: FloatArray = np.einsum("ij,ij->j", distance, distance)
+        spread /= np.einsum("ij,ij->j", span, span)
         return spread
 
 
