@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hbbatch.errors import SourceError
 from hbbatch.sources.bag import BagLog, is_bag_file
-from hbbatch.sources.base import Source, SourceOptions, source_errors
+from hbbatch.sources.base import (
+    Description,
+    SequenceHandle,
+    Source,
+    SourceOptions,
+    source_errors,
+)
 from hbbatch.sources.kitti import KittiSource, is_kitti_folder
 from hbbatch.sources.kitti_raw import KittiRawSource, is_kitti_raw_drive
 from hbbatch.sources.log import LogSource
@@ -72,6 +78,30 @@ FORMATS: Final = (
 )
 
 
+_LOG_SUFFIXES: Final = (".mcap", ".bag", ".db3")
+_PACKED_SUFFIXES: Final = ("", ".zstd", ".zst")
+
+
+@dataclass(frozen=True)
+class UnreadableLog:
+    """A file that its name calls a log and that no format recognises, or that cannot be opened.
+
+    It is a source so that it is reported like any other that fails, and stops none of them.
+    """
+
+    path: Path
+    error: SourceError
+    format_name: str = ""
+
+    def sequences(self) -> Sequence[SequenceHandle]:
+        """Raises what is wrong with the file."""
+        raise self.error
+
+    def describe(self) -> Description:
+        """Raises what is wrong with the file."""
+        raise self.error
+
+
 def open_sources(path: Path, options: SourceOptions) -> list[Source]:
     """The source at a path, or all sources below it when it is a folder of logs.
 
@@ -83,9 +113,13 @@ def open_sources(path: Path, options: SourceOptions) -> list[Source]:
     with source_errors(path):
         sources = list(_open_below(path, options))
     if not sources:
-        known = "; ".join(known_format.description for known_format in FORMATS)
-        raise SourceError(f"{path}: {_nothing_in(path)}. Can be read: {known}.")
+        raise _not_understood(path)
     return sources
+
+
+def _not_understood(path: Path) -> SourceError:
+    known = "; ".join(known_format.description for known_format in FORMATS)
+    return SourceError(f"{path}: {_nothing_in(path)}. Can be read: {known}.")
 
 
 def _nothing_in(path: Path) -> str:
@@ -95,12 +129,23 @@ def _nothing_in(path: Path) -> str:
 
 
 def _open_below(path: Path, options: SourceOptions) -> Iterator[Source]:
-    chosen = next((f for f in FORMATS if f.recognises(path)), None)
+    try:
+        with source_errors(path):
+            chosen = next((f for f in FORMATS if f.recognises(path)), None)
+            entries = _visible(path) if chosen is None and path.is_dir() else ()
+    except SourceError as error:
+        yield UnreadableLog(path, error)
+        return
     if chosen is not None:
         yield chosen.open(path, options)
-    elif path.is_dir():
-        for entry in _visible(path):
-            yield from _open_below(entry, options)
+    elif path.is_file() and _is_named_as_log(path):
+        yield UnreadableLog(path, _not_understood(path))
+    for entry in entries:
+        yield from _open_below(entry, options)
+
+
+def _is_named_as_log(path: Path) -> bool:
+    return path.name.endswith(tuple(s + p for s in _LOG_SUFFIXES for p in _PACKED_SUFFIXES))
 
 
 def _visible(folder: Path) -> Iterable[Path]:

@@ -109,3 +109,18 @@ def test_unwritable_dataset_is_one_line(tmp_path: Path) -> None:
 
 def test_no_source_is_a_usage_error(tmp_path: Path) -> None:
     assert hbbatch("ingest", cwd=tmp_path).returncode == 2
+
+
+def test_damaged_logs_of_a_folder_are_an_error_each_and_stop_no_other(tmp_path: Path) -> None:
+    folder = tmp_path / "drives"
+    folder.mkdir()
+    logs.LogWriter().add("/d", 0, logs.detections(10**9, "map", [])).write(folder / "drive.mcap")
+    (folder / "zero.mcap").touch()
+    (folder / "junk.mcap").write_bytes(bytes(range(200)))
+    (folder / "notes.txt").write_text("no log")
+    result = hbbatch("ingest", folder, cwd=tmp_path)
+    assert result.returncode == 1
+    assert "1 ingested" in result.stdout
+    junk, zero = result.stderr.splitlines()
+    assert junk.startswith(f"error: {folder}/junk.mcap: an unknown format")
+    assert zero.startswith(f"error: {folder}/zero.mcap: an empty file")

@@ -56,3 +56,38 @@ def test_what_is_not_understood_is_named(tmp_path: Path, make: object, expected:
     make(tmp_path / "thing")  # type: ignore[operator]
     with pytest.raises(SourceError, match=rf"thing: {expected}"):
         open_sources(tmp_path / "thing", SourceOptions())
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.bag", "x.db3", "x.mcap.zst", "x.db3.zstd"])
+@pytest.mark.parametrize(
+    ("content", "expected"), [(b"", "an empty file"), (b"\x17\x42", "an unknown format")]
+)
+def test_a_damaged_log_beside_others_fails_alone_and_is_named(
+    tmp_path: Path, name: str, content: bytes, expected: str
+) -> None:
+    write_log(tmp_path / "good.mcap")
+    (tmp_path / name).write_bytes(content)
+    good, bad = open_sources(tmp_path, SourceOptions())
+    assert good.format_name == "mcap"
+    for read in (bad.sequences, bad.describe):
+        with pytest.raises(SourceError, match=rf"{name}: {expected}\. Can be read: "):
+            read()
+
+
+def test_a_file_that_cannot_be_opened_fails_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_log(tmp_path / "good.mcap")
+    closed = write_log(tmp_path / "shut.mcap")
+    opened = Path.open
+
+    def refusing(path: Path, *arguments: str) -> object:
+        if path == closed:
+            raise PermissionError(13, "Permission denied", str(path))
+        return opened(path, *arguments)
+
+    monkeypatch.setattr(Path, "open", refusing)
+    good, bad = open_sources(tmp_path, SourceOptions())
+    assert good.format_name == "mcap"
+    with pytest.raises(SourceError, match=r"shut\.mcap: cannot be read \(Permission denied\)"):
+        bad.sequences()
