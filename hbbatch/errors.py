@@ -4,9 +4,10 @@
     ├── UsageError               2   the command line or a config file asks for something impossible
     │   └── ConfigError          2   a YAML file or option value does not validate
     ├── SourceError              1   a log or folder given to `ingest` cannot be read
+    │   └── SourceChoiceError    2   a source, or what the options choose in it, is not there
     ├── DatasetError             1   a dataset folder is missing, unreadable, unwritable or too new
     ├── SequenceError            1   one sequence failed; the others go on
-    ├── WeightsError             1   weights are missing, damaged or of another version
+    ├── WeightsError             2   weights asked for are missing, damaged or do not fit
     └── MissingExtraError        1   an optional dependency is not installed
 
 A message names the file, sequence or topic, says what was wrong, and ends with what to do.
@@ -15,6 +16,7 @@ Exit status 3 (finished, with data lost) is no error but an outcome: see `ExitSt
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import IntEnum
 
 
@@ -47,6 +49,12 @@ class SourceError(HbbatchError):
     """A log or folder given to `ingest` cannot be read."""
 
 
+class SourceChoiceError(SourceError):
+    """A source named does not exist, or the options choose something that is not in it."""
+
+    exit_status = ExitStatus.USAGE
+
+
 class DatasetError(HbbatchError):
     """A dataset folder is missing, unreadable, unwritable or written by a newer version."""
 
@@ -56,8 +64,19 @@ class SequenceError(HbbatchError):
 
 
 class WeightsError(HbbatchError):
-    """Network weights are missing, damaged or made for another network."""
+    """Weights asked for are missing, damaged or made for another filter."""
+
+    exit_status = ExitStatus.USAGE
 
 
 class MissingExtraError(HbbatchError):
     """An optional dependency is needed and not installed."""
+
+
+def status_of(errors: Iterable[HbbatchError]) -> ExitStatus:
+    """What several errors, one at least, tell the shell: USAGE only if it is that of all."""
+    return (
+        ExitStatus.USAGE
+        if {e.exit_status for e in errors} == {ExitStatus.USAGE}
+        else ExitStatus.FAILED
+    )

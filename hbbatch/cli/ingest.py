@@ -83,6 +83,7 @@ def _print_json(report: IngestReport) -> None:
         "dataset": str(report.dataset_root),
         "seconds": report.seconds,
         "errors": report.errors,
+        "dropped": [name for gone in report.dropped.values() for name in gone],
         "sequences": [_outcome_json(outcome) for outcome in report.outcomes],
     }
     typer.echo(json.dumps(content, indent=2))
@@ -90,7 +91,10 @@ def _print_json(report: IngestReport) -> None:
 
 def _outcome_json(outcome: SequenceOutcome) -> dict[str, Any]:
     return {
-        **(outcome.row or {"sequence_id": outcome.sequence_id, "source": str(outcome.source)}),
+        **(
+            outcome.row
+            or {"sequence_id": outcome.sequence_id, "source": str(outcome.source.resolve())}
+        ),
         "status": outcome.status.value,
         "seconds": outcome.seconds,
         "error": outcome.error,
@@ -135,5 +139,22 @@ def _print_problems(report: IngestReport) -> None:
     for problem, ids in sequences.items():
         who = f"sequence {ids[0]}" if len(ids) == 1 else f"{len(ids)} sequences ({ids[0]}, …)"
         typer.echo(f"warning: {who}: {problem}", err=True)
-    for error in report.errors:
-        typer.echo(f"error: {error}", err=True)
+    for notice in report.notices:
+        typer.echo(f"warning: {notice}", err=True)
+    for line in _grouped(report):
+        typer.echo(f"error: {line}", err=True)
+
+
+def _grouped(report: IngestReport) -> list[str]:
+    """Errors; where several differ in nothing but the sequence that they name, the first one."""
+    lines: dict[str, list[str]] = {}
+    for error in report.source_errors:
+        lines.setdefault(str(error), []).append(str(error))
+    for outcome in report.outcomes:
+        if outcome.error is not None:
+            alike = outcome.error.replace(outcome.sequence_id, "…")
+            lines.setdefault(alike, []).append(outcome.error)
+    return [
+        same[0] if len(same) == 1 else f"{same[0]} (and {len(same) - 1} more like it; see --json)"
+        for same in lines.values()
+    ]

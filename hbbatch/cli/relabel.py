@@ -30,6 +30,8 @@ def relabel(
         print_json(report.to_json())
     else:
         _print_report(report)
+    for notice in (notice for ingested in report.ingested for notice in ingested.notices):
+        complain(f"warning: {notice}")
     for error in report.errors:
         complain(f"error: {error}")
     raise typer.Exit(report.exit_status)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hbbatch.errors import ExitStatus, SourceError
+from hbbatch.errors import ExitStatus, SourceError, status_of
 from hbbatch.sources.base import Description, Source, SourceOptions, source_errors
 from hbbatch.sources.detect import open_sources
 
@@ -18,23 +18,26 @@ class InfoReport:
 
     Attributes:
         descriptions: one a source that could be opened.
-        errors: why others could not, one line each.
+        errors: why others could not.
     """
 
     descriptions: list[Description] = field(default_factory=list)
-    errors: list[str] = field(default_factory=list)
+    errors: list[SourceError] = field(default_factory=list)
 
     @property
     def exit_status(self) -> ExitStatus:
         """What the process tells the shell."""
         if self.errors:
-            return ExitStatus.FAILED
+            return status_of(self.errors)
         partial = any(description.findings.partial for description in self.descriptions)
         return ExitStatus.DATA_LOSS if partial else ExitStatus.DONE
 
     def to_json(self) -> dict[str, Any]:
         """The same as plain values."""
-        return {"sources": [_plain(d) for d in self.descriptions], "errors": self.errors}
+        return {
+            "sources": [_plain(d) for d in self.descriptions],
+            "errors": list(map(str, self.errors)),
+        }
 
 
 def describe_sources(paths: Sequence[Path], options: SourceOptions) -> InfoReport:
@@ -49,7 +52,7 @@ def describe_sources(paths: Sequence[Path], options: SourceOptions) -> InfoRepor
             with source_errors(source.path):
                 report.descriptions.append(source.describe())
         except SourceError as error:
-            report.errors.append(str(error))
+            report.errors.append(error)
     return report
 
 
@@ -58,7 +61,7 @@ def _opened(paths: Sequence[Path], options: SourceOptions, report: InfoReport) -
         try:
             yield from open_sources(path, options)
         except SourceError as error:
-            report.errors.append(str(error))
+            report.errors.append(error)
 
 
 def _plain(description: Description) -> dict[str, Any]:

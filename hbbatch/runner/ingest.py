@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from hbbatch.dataset import Dataset
-from hbbatch.errors import ExitStatus, SourceError
+from hbbatch.errors import ExitStatus, SourceError, status_of
 from hbbatch.runner.ingest_catalog import former_rows, put_rows
 from hbbatch.runner.ingest_task import (
     Brought,
@@ -36,25 +36,42 @@ class IngestReport:
     Attributes:
         dataset_root: where it was written.
         outcomes: one a sequence, in order.
-        source_errors: why whole sources could not be read, one line each.
+        source_errors: why whole sources could not be read.
+        dropped: sequences that a source does not hold any more, by source.
         seconds: how long it took.
     """
 
     dataset_root: Path
     outcomes: list[SequenceOutcome] = field(default_factory=list)
-    source_errors: list[str] = field(default_factory=list)
+    source_errors: list[SourceError] = field(default_factory=list)
+    dropped: dict[Path, list[str]] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
     def errors(self) -> list[str]:
         """Everything that failed, one line each."""
-        return self.source_errors + [o.error for o in self.outcomes if o.error is not None]
+        return [str(error) for error in self.source_errors] + self._sequence_errors
+
+    @property
+    def _sequence_errors(self) -> list[str]:
+        return [outcome.error for outcome in self.outcomes if outcome.error is not None]
+
+    @property
+    def notices(self) -> list[str]:
+        """What was removed from the dataset, one line a source."""
+        return [
+            f"{source} does not hold {', '.join(gone)} any more: removed from the dataset (tracks "
+            "of former runs are kept)"
+            for source, gone in self.dropped.items()
+        ]
 
     @property
     def exit_status(self) -> ExitStatus:
         """What the process should tell the shell."""
-        if self.errors:
+        if self._sequence_errors:
             return ExitStatus.FAILED
+        if self.source_errors:
+            return status_of(self.source_errors)
         partial = any(outcome.partial for outcome in self.outcomes)
         return ExitStatus.DATA_LOSS if partial else ExitStatus.DONE
 
@@ -71,7 +88,8 @@ def ingest(
     """Read sources into a dataset, which is made if there is none.
 
     A sequence whose source has not changed is left alone; one that fails keeps its former tables
-    and does not stop the others.
+    and does not stop the others. One that its source does not hold any more is dropped, unless
+    topics were chosen: then it may be of another choice.
 
     Args:
         sources: logs, folders of a known format, or folders with any of these below.
@@ -97,6 +115,10 @@ def ingest(
             for outcome in brought.outcomes:
                 report.outcomes.append(outcome)
                 on_outcome(outcome)
+        if not options.topics:
+            report.dropped = _gone(dataset, tasks)
+            for source, gone in report.dropped.items():
+                put_rows(dataset, source, [], gone)
     report.seconds = time.perf_counter() - started
     return report
 
@@ -109,14 +131,14 @@ def _sequences(
         try:
             opened = open_sources(path, options)
         except SourceError as error:
-            report.source_errors.append(str(error))
+            report.source_errors.append(error)
             continue
         for source in opened:
             try:
                 with source_errors(source.path):
                     handles = source.sequences()
             except SourceError as error:
-                report.source_errors.append(str(error))
+                report.source_errors.append(error)
                 continue
             yield from ((source, handle) for handle in handles)
 
@@ -147,6 +169,24 @@ def _tasks(
             )
         )
     return tasks
+
+
+def _gone(dataset: Dataset, tasks: Sequence[IngestTask]) -> dict[Path, list[str]]:
+    """Sequences of the dataset that their sources, as read now, do not hold any more."""
+    rows = dataset.catalog().to_pylist()
+    held: dict[Path, set[str]] = {}
+    for task in tasks:
+        own = former_rows(rows, task.handle.sequence_id, task.source.resolve())
+        held.setdefault(task.source, set()).update(row["sequence_id"] for row in own)
+    gone = {
+        source: [
+            row["sequence_id"]
+            for row in rows
+            if row["source"] == str(source.resolve()) and row["sequence_id"] not in ids
+        ]
+        for source, ids in held.items()
+    }
+    return {source: ids for source, ids in gone.items() if ids}
 
 
 def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[Brought]:

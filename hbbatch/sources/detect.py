@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from hbbatch.errors import SourceError
+from hbbatch.errors import SourceChoiceError, SourceError
 from hbbatch.sources.bag import BagLog, is_bag_file
 from hbbatch.sources.base import (
     Description,
@@ -105,16 +106,30 @@ class UnreadableLog:
 def open_sources(path: Path, options: SourceOptions) -> list[Source]:
     """The source at a path, or all sources below it when it is a folder of logs.
 
+    Logs of the same name in different folders below it are told apart by those folders' names.
+
     Raises:
+        SourceChoiceError: it does not exist.
         SourceError: nothing there is understood.
     """
     if not path.exists():
-        raise SourceError(f"{path}: does not exist. Check the path.")
+        raise SourceChoiceError(f"{path}: does not exist. Check the path.")
     with source_errors(path):
         sources = list(_open_below(path, options))
     if not sources:
         raise _not_understood(path)
-    return sources
+    return _told_apart(sources, path)
+
+
+def _told_apart(sources: Sequence[Source], root: Path) -> list[Source]:
+    """The sources, where logs of the same name are named by their path below the root."""
+    counts = Counter(s.stem for s in sources if isinstance(s, LogSource))
+    return [
+        replace(s, name="-".join([*s.path.relative_to(root).parent.parts, s.stem]))
+        if isinstance(s, LogSource) and counts[s.stem] > 1
+        else s
+        for s in sources
+    ]
 
 
 def _not_understood(path: Path) -> SourceError:

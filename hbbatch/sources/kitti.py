@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from hbbatch.boxes import FloatArray
-from hbbatch.errors import SourceError
+from hbbatch.errors import SourceChoiceError, SourceError
 from hbbatch.sources.base import (
     LOGGED,
     CameraCalibration,
@@ -98,6 +98,9 @@ class KittiSource:
         candidates = [self.path / name for name in _DETECTION_FOLDERS]
         if self.options.detections is not None:
             candidates = [self.options.detections]
+            if not self.options.detections.is_dir():
+                fault = "is no folder" if self.options.detections.exists() else "does not exist"
+                raise SourceChoiceError(f"{self.options.detections}: {fault}. Check --detections.")
         for folder in candidates:
             if folder.is_dir():
                 return folder

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.dataset.store import safe_name
-from hbbatch.errors import SourceError
+from hbbatch.errors import SourceChoiceError, SourceError
 from hbbatch.sources import gaps
 from hbbatch.sources.base import (
     Description,
@@ -43,10 +43,11 @@ _LISTED_TOPICS: Final = 20
 
 @dataclass(frozen=True)
 class LogSource:
-    """A log; each detection topic asked for is a sequence."""
+    """A log; each detection topic asked for is a sequence, named `name` or else as the file is."""
 
     log: MessageLog
     options: SourceOptions
+    name: str | None = None
 
     @property
     def path(self) -> Path:
@@ -58,11 +59,17 @@ class LogSource:
         """Name of the container format."""
         return self.log.format_name
 
+    @property
+    def stem(self) -> str:
+        """What its sequences are named after."""
+        return safe_name(self.name or log_stem(self.path))
+
     def sequences(self) -> Sequence[LogSequence]:
         """A sequence for the only detection topic, or one for each topic asked for.
 
         Raises:
-            SourceError: there is no such topic, or several and none was asked for.
+            SourceChoiceError: there is no such topic, or several and none was asked for.
+            SourceError: no topic holds detections.
         """
         findings = Findings()
         return self._sequences(self.log.channels(findings), findings)
@@ -79,11 +86,10 @@ class LogSource:
 
     def _sequences(self, channels: Sequence[Channel], findings: Findings) -> list[LogSequence]:
         topics = self._chosen(channels, findings)
-        stem = safe_name(log_stem(self.path))
         if len(topics) == 1:
-            return [LogSequence(self.log, topics[0], stem, self.options)]
+            return [LogSequence(self.log, topics[0], self.stem, self.options)]
         return [
-            LogSequence(self.log, topic, safe_name(f"{stem}-{topic.strip('/')}"), self.options)
+            LogSequence(self.log, topic, safe_name(f"{self.stem}-{topic.strip('/')}"), self.options)
             for topic in topics
         ]
 
@@ -97,11 +103,13 @@ class LogSource:
             )
         missing = sorted(set(self.options.topics) - set(offered))
         if missing:
-            raise SourceError(
+            raise SourceChoiceError(
                 f"{self.path}: no detections on {', '.join(missing)}. Choose from {listed}."
             )
         if len(offered) > 1 and not self.options.topics:
-            raise SourceError(f"{self.path}: several detection topics ({listed}). Use --topic.")
+            raise SourceChoiceError(
+                f"{self.path}: several detection topics ({listed}). Use --topic."
+            )
         return self.options.topics or offered
 
 

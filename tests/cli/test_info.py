@@ -63,7 +63,7 @@ def test_damage_and_missing_files_show_in_the_exit_status(tmp_path: Path) -> Non
     assert damaged.returncode == 3
     assert "ends early" in damaged.stdout
     missing = hbbatch("info", tmp_path / "nowhere", cwd=tmp_path)
-    assert missing.returncode == 1
+    assert missing.returncode == 2
     assert missing.stderr.startswith(f"error: {tmp_path}/nowhere: does not exist.")
 
 

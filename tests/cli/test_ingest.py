@@ -93,7 +93,7 @@ def test_several_topics_and_no_choice(tmp_path: Path) -> None:
         log.add(topic, 0, logs.detections(10**9, "map", []))
     path = log.write(tmp_path / "drive.mcap")
     refused = hbbatch("ingest", path, cwd=tmp_path)
-    assert refused.returncode == 1
+    assert refused.returncode == 2
     assert "several detection topics (/a, /b). Use --topic." in refused.stderr
     assert hbbatch("ingest", path, "--topic", "/a", cwd=tmp_path).returncode == 0
 
@@ -124,3 +124,19 @@ def test_damaged_logs_of_a_folder_are_an_error_each_and_stop_no_other(tmp_path: 
     junk, zero = result.stderr.splitlines()
     assert junk.startswith(f"error: {folder}/junk.mcap: an unknown format")
     assert zero.startswith(f"error: {folder}/zero.mcap: an empty file")
+
+
+def test_many_equal_errors_are_one_line(tmp_path: Path) -> None:
+    for name in ("0000", "0001", "0002"):
+        source = write_sequence(tmp_path / "kitti", name, calibration=calibration_text(P2=""))
+    result = hbbatch("ingest", source, cwd=tmp_path)
+    [error] = result.stderr.splitlines()
+    assert "calib/0000.txt: P2 is missing" in error
+    assert "(and 2 more like it; see --json)" in error
+
+
+def test_json_names_sources_by_absolute_paths(tmp_path: Path) -> None:
+    write_sequence(write_sequence(tmp_path / "kitti"), "0001", oxts="")
+    result = hbbatch("ingest", "kitti", "--json", cwd=tmp_path)
+    paths = {sequence["source"] for sequence in json.loads(result.stdout)["sequences"]}
+    assert paths == {str(tmp_path / "kitti")}

@@ -267,7 +267,7 @@ def test_source_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> 
     report = ingest([tmp_path / "nowhere", write_sequence(tmp_path / "kitti")], tmp_path / "out")
     assert statuses(report) == {"0000": "ingested"}
     assert report.errors == [f"{tmp_path}/nowhere: does not exist. Check the path."]
-    assert report.exit_status is ExitStatus.FAILED
+    assert report.exit_status is ExitStatus.USAGE
 
 
 def test_nothing_to_ingest_makes_no_dataset(tmp_path: Path) -> None:
