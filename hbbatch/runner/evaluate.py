@@ -22,6 +22,7 @@ from hbbatch.evaluation.kitti import (
 from hbbatch.evaluation.kitti_results import read_kitti_results
 from hbbatch.evaluation.results import Evaluation, Protocol
 from hbbatch.projection import Camera
+from hbbatch.runner.class_names import recorded_names
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def evaluate(
     labelled, unlabelled = _split_by_labels(dataset, _choose_sequences(dataset, sequences))
     inputs, failed = _read_sequences(dataset, chosen_run, labelled)
     protocol = _protocol(inputs)
-    names, untracked = _choose_classes(protocol, inputs, classes)
+    names, untracked = _choose_classes(protocol, inputs, recorded_names(classes or ()))
     evaluation = _score(protocol, inputs, names)
     return EvaluationReport(
         dataset_root, chosen_run.name, evaluation, unlabelled, untracked, failed
@@ -186,7 +187,7 @@ def _has_image_labels(sequence: _Sequence) -> bool:
 
 
 def _choose_classes(
-    protocol: Protocol, inputs: dict[str, _Sequence], wanted: Sequence[str] | None
+    protocol: Protocol, inputs: dict[str, _Sequence], wanted: Sequence[str]
 ) -> tuple[list[str], list[str]]:
     """Classes to evaluate, and those left out because no track has them."""
     labelled = _class_names(sequence.labels for sequence in inputs.values())

@@ -17,6 +17,7 @@ from hbbatch.config import DeviceName, Settings, TrackSettings, load_yaml, valid
 from hbbatch.dataset.store import check_name
 from hbbatch.errors import ConfigError, HbbatchError
 from hbbatch.model.weights_files import open_weights
+from hbbatch.runner.class_names import normalised_classes
 
 _VARIABLE: Final = re.compile(r"\$\{(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?::-(?P<default>[^}]*))?\}")
 
@@ -96,7 +97,7 @@ def _anchored(job: RelabelJob, folder: Path) -> RelabelJob:
     update = {
         "dataset": (folder / job.dataset).resolve(),
         "sources": sources,
-        "track": anchored_weights(job.track, folder),
+        "track": normalised_classes(anchored_weights(job.track, folder)),
     }
     return job.model_copy(update=update)
 

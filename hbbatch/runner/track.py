@@ -15,7 +15,8 @@ from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
 from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_table
 from hbbatch.errors import DatasetError, ExitStatus
-from hbbatch.model.weights_files import open_weights
+from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
+from hbbatch.runner.class_names import normalised_classes
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
@@ -59,9 +60,16 @@ class TrackRequest:
 
 @dataclass(frozen=True)
 class Engine:
-    """The tracker that is run: how to know its weights without loading it, and how to load it."""
+    """The tracker that is run.
+
+    Attributes:
+        weights_hash: the hash of its weights, known without loading it.
+        resolved: settings with what they leave to defaults filled in.
+        load_tracker: how to load it.
+    """
 
     weights_hash: Callable[[TrackSettings], str]
+    resolved: Callable[[TrackSettings], TrackSettings]
     load_tracker: LoadTracker
 
 
@@ -75,7 +83,26 @@ def weights_hash(settings: TrackSettings) -> str:
     return open_weights(settings.filter, settings.weights, settings.classes).content_hash
 
 
-HYBRIDTRACK: Final = Engine(weights_hash, load_tracker)
+def resolved_settings(settings: TrackSettings) -> TrackSettings:
+    """Settings with the weights, classes and association threshold that defaults stand for.
+
+    Raises:
+        WeightsError: the weights are missing, damaged or of another version.
+        UsageError: the weights do not know a class asked for.
+    """
+    file = open_weights(settings.filter, settings.weights, settings.classes)
+    association = settings.association.model_copy(
+        update={"max_cost": settings.association.threshold}
+    )
+    update = {
+        "weights": settings.weights or DEFAULT_WEIGHTS[settings.filter],
+        "classes": file.class_names,
+        "association": association,
+    }
+    return settings.model_copy(update=update)
+
+
+HYBRIDTRACK: Final = Engine(weights_hash, resolved_settings, load_tracker)
 """The engine of the package."""
 
 
@@ -156,9 +183,9 @@ def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSet
     """
     given = {name: value for name, value in overrides.items() if value is not None}
     if config is None:
-        return validate(TrackSettings, given, "options")
+        return normalised_classes(validate(TrackSettings, given, "options"))
     content = load_yaml(config)
-    settings = validate(TrackSettings, content | given, str(config))
+    settings = normalised_classes(validate(TrackSettings, content | given, str(config)))
     return settings if "weights" in given else anchored_weights(settings, config.parent)
 
 
@@ -200,11 +227,19 @@ def track(
     if plan.to_do:
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
-        write_manifest(run, request.settings, weights, inputs, environment)
+        resolved = engine.resolved(request.settings)
+        write_manifest(run, resolved, weights, inputs, environment)
         order = Order(dataset, run, request.settings, request.device, engine.load_tracker)
         outcomes = _execute(order, plan, workers, progress or _silent)
+        environment["device"] = _devices(outcomes) or request.device
+        write_manifest(run, resolved, weights, inputs, environment)
     wall_s = time.perf_counter() - started
     return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
+
+
+def _devices(outcomes: Sequence[Outcome]) -> str:
+    """Where sequences were computed; empty if none was."""
+    return ", ".join(sorted({o.timing["device"] for o in outcomes if o.timing is not None}))
 
 
 def _silent(_done: int, _total: int) -> None:
@@ -275,7 +310,7 @@ def _report(
         stage_s=stage_seconds(timings),
         wall_s=effort.wall_s,
         workers=effort.workers,
-        device=", ".join(sorted({timing["device"] for timing in timings})),
+        device=_devices(outcomes),
     )
 
 

@@ -133,3 +133,43 @@ def test_what_cannot_be_a_setting_or_name_is_a_usage_error(
     assert result.exception.exit_status == 2
     assert expected in str(result.exception)
     assert not (tmp_path / "runs").exists()
+
+
+def test_the_manifest_says_what_defaults_came_to(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    arguments = ["track", "-d", str(tmp_path), "--filter", "kalman", "--workers", "1", "--run", "r"]
+    CliRunner().invoke(app, arguments)
+    manifest = json.loads(Dataset(tmp_path).run("r").manifest.read_text())
+    assert manifest["weights"]["name"] == "kitti-kalman"
+    assert len(manifest["weights"]["hash"]) == 64
+    assert "car" in manifest["settings"]["classes"]
+    assert manifest["settings"]["association"]["max_cost"] == 1.2
+    assert manifest["device"] in ("cpu", "cuda")
+
+
+def test_classes_may_be_spelled_as_a_data_set_does(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    as_recorded = hbbatch_track(tmp_path, "--class", "person_sitting", "--class", "car")
+    spelled = hbbatch_track(tmp_path, "--class", "Person sitting", "--class", "Car")
+    assert (as_recorded.exit_code, spelled.exit_code) == (0, 0)
+    assert "nothing to do" in spelled.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--weights", "nosuch"),
+        ("--weights", "kitti"),
+        ("--class", "unicorn"),
+        ("--config", "/nosuch.yaml"),
+        ("--device", "cuda"),
+    ],
+)
+def test_what_is_not_there_or_does_not_fit_is_a_usage_error(
+    tmp_path: Path, arguments: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    make_dataset(tmp_path, "a")
+    result = hbbatch_track(tmp_path, *arguments)
+    assert isinstance(result.exception, HbbatchError)
+    assert result.exception.exit_status == 2

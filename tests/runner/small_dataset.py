@@ -157,4 +157,4 @@ def load_breaks(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
     raise ImportError("no module named magic")
 
 
-ECHO = Engine(echo_hash, load_echo)
+ECHO = Engine(echo_hash, lambda settings: settings, load_echo)

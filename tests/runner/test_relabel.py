@@ -100,7 +100,7 @@ def test_a_source_without_anything_fails_the_job_but_not_the_others(job: Relabel
 def test_a_job_that_finds_nothing_tracks_nothing(job: RelabelJob) -> None:
     empty = job.dataset.parent / "empty"
     empty.mkdir()
-    engine = Engine(forbidden, forbidden)  # type: ignore[arg-type]
+    engine = Engine(forbidden, forbidden, forbidden)  # type: ignore[arg-type]
     report = relabel(job.model_copy(update={"sources": (SourceJob(path=empty),)}), engine=engine)
     assert report.tracked is None
     assert report.exit_status == ExitStatus.FAILED
