@@ -82,7 +82,9 @@ def bench(request: BenchRequest, progress: Callable[[str], None]) -> list[Table]
     tables = []
     for what, measure in measures.items():
         progress(what)
-        tables.append(measure())
+        table = measure()
+        load = f"Load of the machine at the end of this measurement: {os.getloadavg()[0]:.1f}."
+        tables.append(replace(table, note=f"{table.note} {load}".lstrip()))
     return [table for table in tables if table.rows]
 
 
@@ -105,7 +107,6 @@ def _machine(workload: Workload) -> Table:
             ("float32 matrix product, 128 x 95 x 100", f"{small / 1e9:.1f} G multiply-adds/s"),
             ("network, to predict one track", f"{predict:,} multiply-adds"),
             ("network, to correct one track", f"{update:,} multiply-adds"),
-            ("load of the machine when measured", f"{os.getloadavg()[0]:.1f}"),
         ],
     )
 

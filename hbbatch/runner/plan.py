@@ -30,8 +30,8 @@ little is lost with one that dies."""
 _LANES: Final = 100
 """About as many sequences as a group steps at a time; only an estimate hangs on it."""
 
-_STEP_EFFORT: Final = 80
-"""What a lock step costs beside its detections, in detections (docs/performance.md)."""
+_STEP_EFFORT: Final = 200
+"""What a lock step costs beside its tracks, in tracks (docs/performance.md, growing crowd)."""
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
