@@ -19,7 +19,7 @@ from hbbatch.sources.columns import (
 )
 from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder
 
-_BATCH_MESSAGES: Final = 256
+_BATCH_MESSAGES: Final = 1024
 _BATCH_BYTES: Final = 16 * 2**20
 _One = TypeVar("_One")
 _Many = TypeVar("_Many")

@@ -220,11 +220,14 @@ class CdrWalk:
         """
         buffer = _Buffer(messages)
         run = _Run(buffer)
-        end = run.steps(self._steps, buffer.starts.copy(), np.arange(len(messages)))
-        left = buffer.ends - end
-        if ((left < 0) | (left >= _HEAD)).any():
-            raise WalkRefusedError("the size differs")
-        return run.columns(len(messages))
+        try:
+            end = run.steps(self._steps, buffer.starts.copy(), np.arange(len(messages)))
+            left = buffer.ends - end
+            if ((left < 0) | (left >= _HEAD)).any():
+                raise WalkRefusedError("the size differs")
+            return run.columns(len(messages))
+        except IndexError as error:
+            raise WalkRefusedError("reaches beyond the messages") from error
 
 
 class _Buffer:
@@ -250,7 +253,6 @@ class _Buffer:
         heads = self.views["u4"][(self.starts - _HEAD) >> 2]
         if ((heads & 0xFFFF) != 0x0100).any():
             raise WalkRefusedError("not plain little endian CDR")
-        self.limit = len(joined)
 
 
 class _Run:
@@ -259,7 +261,7 @@ class _Run:
     def __init__(self, buffer: _Buffer) -> None:
         self._buffer = buffer
         self._numbers: dict[tuple[str, ...], list[tuple[IntArray, NDArray[Any]]]] = {}
-        self._texts: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._texts: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
         self._counts: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
 
     def steps(self, steps: Sequence[Any], position: IntArray, owner: IntArray) -> IntArray:
@@ -277,28 +279,21 @@ class _Run:
                 position = self._repeat(step, position, owner)
         return position
 
-    def _within(self, position: IntArray, size: int) -> None:
-        if len(position) and int(position.max()) + size > self._buffer.limit:
-            raise WalkRefusedError("reaches beyond the messages")
-
     def _take(self, step: _Take, position: IntArray, owner: IntArray) -> IntArray:
         size, count = int(step.dtype[1]), len(step.paths)
-        self._within(position, size * count)
         first = position >> (size.bit_length() - 1)
         values = self._buffer.views[step.dtype][first[:, None] + np.arange(count)]
         self._numbers.setdefault(tuple(step.paths), []).append((owner, values))
         return position + size * count
 
     def _length(self, position: IntArray) -> IntArray:
-        self._within(position, 4)
         lengths: IntArray = self._buffer.views["u4"][position >> 2].astype(np.int64)
         return lengths
 
     def _text(self, step: _Text, position: IntArray, owner: IntArray) -> IntArray:
         length = self._length(position)
         if step.path:
-            place = np.stack([position + 4, length], axis=1)
-            self._texts.setdefault(step.path, []).append((owner, place))
+            self._texts.setdefault(step.path, []).append((owner, position, length))
         return position + 4 + length
 
     def _repeat(self, step: _Repeat, position: IntArray, owner: IntArray) -> IntArray:
@@ -309,12 +304,16 @@ class _Run:
         most = int(counts.max(initial=0))
         if most > _MOST_ELEMENTS:
             raise WalkRefusedError("too many elements")
-        self._counts.setdefault(step.path, []).append((owner, counts[:, None]))
+        self._counts.setdefault(step.path, []).append((owner, counts))
         # Elements of a sequence of messages are numbered through; those of a sequence within a
         # sequence carry the number of their parent.
         first = np.cumsum(counts) - counts
         nested = "[]" in step.path
+        least = int(counts.min()) if len(counts) else 0
         for turn in range(most):
+            if turn < least:
+                position = self.steps(step.steps, position, owner if nested else first + turn)
+                continue
             active = np.flatnonzero(counts > turn)
             names = owner[active] if nested else first[active] + turn
             position[active] = self.steps(step.steps, position[active], names)
@@ -322,7 +321,7 @@ class _Run:
 
     def columns(self, messages: int) -> Columns:
         """What was taken, in order."""
-        counts = {path: _Order()(pieces)[:, 0] for path, pieces in self._counts.items()}
+        counts = {path: _Order()(pieces) for path, pieces in self._counts.items()}
         if any(len(n) != messages for path, n in counts.items() if "[]" not in path):
             raise WalkRefusedError("a sequence within a fixed array")
         orders: dict[str, _Order] = {}
@@ -335,17 +334,19 @@ class _Run:
         for paths, pieces in self._numbers.items():
             block = ordered(paths[0], pieces)
             numbers.update({path: block[:, column] for column, path in enumerate(paths)})
-        texts = {path: self._names(ordered(path, p)) for path, p in self._texts.items()}
+        texts = {}
+        for path, places in self._texts.items():
+            start = ordered(path, [(owner, position) for owner, position, _ in places]) + 4
+            length = ordered(path, [(owner, length) for owner, _, length in places])
+            texts[path] = self._names(start, length)
         parents = {path: order.owners for path, order in orders.items()}
         return Columns(counts, numbers, texts, parents)
 
-    def _names(self, places: NDArray[Any]) -> Names:
-        start, length = places[:, 0], places[:, 1]
+    def _names(self, start: IntArray, length: IntArray) -> Names:
         longest = int(length.max(initial=1))
         if longest > _LONGEST_TEXT:
             raise WalkRefusedError("a long text")
         words = max(-(-longest // _HEAD), 1)
-        self._within(start, words * _HEAD)
         letters = self._buffer.views["u4"][(start >> 2)[:, None] + np.arange(words)]
         letters.view("u1")[np.arange(words * _HEAD) >= (length - 1)[:, None]] = 0
         first, codes = _distinct(letters)

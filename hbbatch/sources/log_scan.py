@@ -35,6 +35,7 @@ class LogScan:
         self.poses = PoseMessages(options)
         self._topic, self._detections, self._options = topic, detections, options
         self._readers: dict[Channel, ChannelReader[Any, Any]] = {}
+        self._latest: dict[int, ChannelReader[Any, Any]] = {}
         self._numbers: Counter[str] = Counter()
 
     def wants(self, channel: Channel) -> bool:
@@ -47,9 +48,13 @@ class LogScan:
     def take(self, message: RawMessage) -> None:
         """Keep what a message of a wanted channel says; it may be read only later."""
         channel = message.channel
-        reader = self._readers.get(channel)
-        if reader is None:
-            reader = self._readers[channel] = self._reader(channel)
+        # Found by identity first: comparing channels costs more than taking a message.
+        reader = self._latest.get(id(channel))
+        if reader is None or reader.channel is not channel:
+            reader = self._readers.get(channel)
+            if reader is None:
+                reader = self._readers[channel] = self._reader(channel)
+            self._latest[id(channel)] = reader
         number = self._numbers[channel.topic]
         self._numbers[channel.topic] += 1
         if reader.add(number, message):

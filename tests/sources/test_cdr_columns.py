@@ -79,7 +79,7 @@ def same(walked: DetectionColumns, read: DetectionColumns) -> None:
 
 @pytest.mark.parametrize("kind", DETECTION_WALKS)
 @pytest.mark.parametrize("release", STORES)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(data=st.data())
 def test_random_detections(release: str, kind: str, data: st.DataObject) -> None:
     types = STORES[release]
@@ -92,7 +92,7 @@ def test_random_detections(release: str, kind: str, data: st.DataObject) -> None
 
 
 @pytest.mark.parametrize("kind", TRANSFORM_WALKS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(data=st.data())
 def test_random_transforms(kind: str, data: st.DataObject) -> None:
     types = STORES["humble"]
@@ -107,7 +107,7 @@ def test_random_transforms(kind: str, data: st.DataObject) -> None:
     assert walked.children.to_list() == read.children.to_list()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data(), place=st.floats(0, 1), value=st.integers(0, 255), cut=st.integers(0, 8))
 def test_damaged_messages_are_refused_or_read_as_the_general_reader_does(
     data: st.DataObject, place: float, value: int, cut: int

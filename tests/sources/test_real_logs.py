@@ -61,7 +61,7 @@ def test_all_files_are_in_the_table_above_or_below(test_data: Path) -> None:
 
 def test_empty_bag_is_refused(test_data: Path) -> None:
     with pytest.raises(SourceError, match=r"ros1_empty_file\.bag: an empty file\. Can be read: "):
-        open_sources(test_data / "logs/bad/ros1_empty_file.bag", SourceOptions())
+        describe(test_data / "logs/bad/ros1_empty_file.bag")
 
 
 def test_bag_that_is_no_bag_behind_its_first_line(test_data: Path) -> None:
