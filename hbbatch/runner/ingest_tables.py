@@ -16,12 +16,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from hbbatch import schema
+from hbbatch.boxes import FloatArray
 from hbbatch.dataset.store import Dataset, table_writer, write_json, write_table
 from hbbatch.errors import SourceError
+from hbbatch.runner.ego_steps import jumps_problem
 from hbbatch.sources.base import (
     POSE_ORIGINS,
     CameraCalibration,
     FrameBatch,
+    IntArray,
     Labels,
     SequenceReading,
     source_errors,
@@ -40,6 +43,8 @@ class Tally:
     last_ns: int = 0
     origins: set[str] = field(default_factory=set)
     unknown_classes: Counter[str] = field(default_factory=Counter)
+    translations_m: list[FloatArray] = field(default_factory=list)
+    stamps_ns: list[IntArray] = field(default_factory=list)
 
     def add(self, batch: FrameBatch, taxonomy: Taxonomy) -> None:
         """Count a batch."""
@@ -48,6 +53,8 @@ class Tally:
         self.last_ns = int(stamps_ns[-1])
         self.frames += len(stamps_ns)
         self.detections += len(batch.boxes)
+        self.translations_m.append(batch.poses.translation_m)
+        self.stamps_ns.append(stamps_ns)
         self.origins.update(origins.vocabulary[code] for code in np.unique(origins.codes))
         counts = np.bincount(names.codes, minlength=len(names.vocabulary)).tolist()
         for name, count in zip(names.vocabulary, counts, strict=True):
@@ -130,6 +137,9 @@ def write_sequence(
             raise SourceError(f"sequence {sequence_id}: no frame could be read. Check the source.")
     _write_optional(dataset, reading, taxonomy)
     _note_unknown_classes(reading, tally)
+    jumps = jumps_problem(np.concatenate(tally.translations_m), np.concatenate(tally.stamps_ns))
+    if jumps is not None:
+        reading.findings.note(jumps)
     return {
         "sequence_id": sequence_id,
         "content_hash": content.digest(reading.calibration),

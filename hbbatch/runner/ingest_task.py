@@ -18,8 +18,8 @@ from hbbatch.runner.ingest_tables import write_sequence
 from hbbatch.sources.base import SequenceHandle, source_errors
 from hbbatch.sources.classes import load_taxonomy
 
-INGEST_VERSION: Final = 2
-"""Raised when the same source would give other tables, so that it is read again."""
+INGEST_VERSION: Final = 3
+"""Raised when the same source would give other tables or problems, so that it is read again."""
 
 
 class IngestStatus(StrEnum):

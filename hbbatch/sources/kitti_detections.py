@@ -21,6 +21,9 @@ from hbbatch.sources.classes import is_known_class, normalise_class
 from hbbatch.sources.kitti_geometry import SENSOR_FRAME, sensor_boxes
 from hbbatch.sources.kitti_text import FRAME_LAYOUT, TextRows, parse_rows
 
+_MAX_JUMP_FRAMES: Final = 100_000
+"""Frames between two detections at most: almost three hours in which nothing is seen."""
+
 SIZES_MUST_BE_POSITIVE: Final = "height, width and length must be greater than zero"
 
 
@@ -113,11 +116,13 @@ def read_detections(files: list[Path], sequence_id: str) -> KittiDetections:
     """The detections in the files of one sequence.
 
     Raises:
-        SourceError: a line is malformed, or a box has a size of zero or less.
+        SourceError: a line is malformed, a box has a size of zero or less, or a frame number is
+            absurd.
     """
     parts = [_read_file(path, sequence_id) for path in files]
     frame_index = np.concatenate([frames for frames, _ in parts])
     order = np.argsort(frame_index, kind="stable")
+    _check_jumps(parts, frame_index, order)
     names = [name for _, rows in parts for name in rows.types]
     return KittiDetections(
         frame_index=frame_index[order],
@@ -140,6 +145,18 @@ def _read_file(path: Path, sequence_id: str) -> tuple[IntArray, TextRows]:
         )
     rows = parse_rows(path, FRAME_LAYOUT)
     return np.full(len(rows.lines), int(path.stem), dtype=np.int64), rows
+
+
+def _check_jumps(
+    parts: list[tuple[IntArray, TextRows]], frame_index: IntArray, order: IntArray
+) -> None:
+    """Refuse a frame that lies absurdly far behind the one before: all between would be made."""
+    jumps = np.zeros(len(order), dtype=bool)
+    jumps[order] = np.diff(frame_index[order], prepend=0) > _MAX_JUMP_FRAMES
+    ends = np.cumsum([len(frames) for frames, _ in parts])
+    for (frames, rows), wrong in zip(parts, np.split(jumps, ends[:-1]), strict=True):
+        what = f"frame {frames[np.argmax(wrong)]} is " if wrong.any() else ""
+        rows.refuse(wrong, f"{what}more than {_MAX_JUMP_FRAMES:,} frames behind the one before")
 
 
 def checked_boxes(rows: TextRows) -> FloatArray:

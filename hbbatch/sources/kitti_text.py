@@ -70,10 +70,10 @@ class TextRows:
         """A column of whole numbers.
 
         Raises:
-            SourceError: a value is no whole number, or less than the minimum.
+            SourceError: a value is no whole number, less than the minimum, or above 32 bits.
         """
         values = self.values[name]
-        wrong = (values % 1 != 0) | (values < minimum)
+        wrong = (values % 1 != 0) | (values < minimum) | (values >= 2**31)
         self.refuse(wrong, f"{name} is not a whole number from {minimum}")
         return values.astype(np.int64)
 

@@ -348,3 +348,16 @@ def test_projected_boxes_lie_on_the_logged_image_boxes(test_data: Path) -> None:
         inside = (frame.image_boxes[:, 0] > 1) & (frame.image_boxes[:, 2] < 1240)
         inside &= frame.image_boxes[:, 3] < 373
         np.testing.assert_allclose(boxes[inside], frame.image_boxes[inside], atol=0.5)
+
+
+@pytest.mark.parametrize("with_oxts", [True, False])
+@pytest.mark.parametrize("frame", ["99999999", "1e300"])
+def test_an_absurd_frame_number_names_file_and_line(
+    tmp_path: Path, with_oxts: bool, frame: str
+) -> None:
+    lines = [f"0 {CAR} 0.9", f"{frame} {CAR} 0.9", f"1 {CAR} 0.9"]
+    root = write_sequence(tmp_path, detections=lines)
+    if not with_oxts:
+        (root / "oxts" / "0000.txt").unlink()
+    with pytest.raises(SourceError, match=r"det_02/0000\.txt:2: frame "):
+        read(root)
