@@ -132,7 +132,7 @@ class Dataset:
 
     def catalog(self) -> pa.Table:
         """The catalogue, a row a sequence, sorted by id."""
-        return read_table(self.catalog_path, schema.CATALOG, str(self.catalog_path))
+        return read_table(self.catalog_path, schema.CATALOG, "catalogue of the dataset")
 
     def write_catalog(self, table: pa.Table) -> None:
         """Replace the catalogue."""
@@ -222,7 +222,10 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
     except FileNotFoundError as error:
         raise DatasetError(f"{what}: {path} is missing. Ingest the sequence again.") from error
     except (OSError, pa.ArrowException) as error:
-        raise DatasetError(f"{what}: {path} cannot be read ({error}).") from error
+        reason = str(error).replace(f" '{path}'", "")
+        raise DatasetError(
+            f"{what}: {path} cannot be read ({reason}). Restore it, or delete it and make it again."
+        ) from error
     return schema.conform(table, expected, what)
 
 

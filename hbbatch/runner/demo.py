@@ -13,7 +13,7 @@ from hbbatch import schema
 from hbbatch.config import OutputSettings, TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import write_table
-from hbbatch.errors import SequenceError
+from hbbatch.errors import SequenceError, UsageError
 from hbbatch.runner.evaluate import EvaluationReport, evaluate
 from hbbatch.runner.ingest import ingest
 from hbbatch.runner.track import TrackRequest, track
@@ -61,11 +61,14 @@ def demo(
         duration_s: length of the drive.
 
     Raises:
+        UsageError: `out_dir` is a file.
         SequenceError: the drive could not be ingested or tracked.
         DatasetError: the folder cannot be written.
         WeightsError: the weights named in `settings` cannot be used.
         MissingExtraError: TrackEval is not installed.
     """
+    if out_dir.exists() and not out_dir.is_dir():
+        raise UsageError(f"{out_dir}: is a file. Name another folder with --out.")
     log, root = out_dir / LOG_NAME, out_dir / DATASET_NAME
     clock = _Clock()
     drive = simulate_drive(DriveSettings(duration_s=duration_s), seed)

@@ -261,5 +261,5 @@ def remove_status(run: Run, sequence_id: str) -> None:
 def _failure(job: SequenceJob, error: Exception) -> Outcome:
     text = " ".join(str(error).split())
     if not isinstance(error, HbbatchError):
-        text = f"{type(error).__name__}: {text}"
+        text = f"{type(error).__name__}: {text}. This is a defect of hbbatch, or of the machine."
     return Outcome(job.sequence_id, error=text)
