@@ -60,6 +60,11 @@ def print_report(report: EvaluationReport, per_sequence: bool = False) -> None:
         complain(f"without labels, left out: {', '.join(report.unlabelled)}")
     if report.untracked_classes:
         complain(f"labelled but not tracked, left out: {', '.join(report.untracked_classes)}")
+    if report.perhaps_trained_on:
+        complain(
+            "the weights may have been trained on the labels of "
+            f"{', '.join(report.perhaps_trained_on)}: their scores then flatter"
+        )
     for reason in report.failed.values():
         complain(f"error: {reason}")
 

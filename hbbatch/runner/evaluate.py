@@ -21,8 +21,10 @@ from hbbatch.evaluation.kitti import (
 )
 from hbbatch.evaluation.kitti_results import read_kitti_results
 from hbbatch.evaluation.results import Evaluation, Protocol
+from hbbatch.model.weights_files import read_header, weights_path
 from hbbatch.projection import Camera
 from hbbatch.runner.class_names import recorded_names
+from hbbatch.runner.manifest import read_manifest
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class EvaluationReport:
         unlabelled: sequences left out because they have no labels.
         untracked_classes: labelled classes left out because the run tracked none of them.
         failed: sequences left out because they could not be evaluated, with the reason.
+        perhaps_trained_on: sequences whose names are among those the run's weights learned from.
     """
 
     dataset: Path
@@ -44,6 +47,7 @@ class EvaluationReport:
     unlabelled: list[str] = field(default_factory=list)
     untracked_classes: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
+    perhaps_trained_on: list[str] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
         """The same as plain values."""
@@ -54,6 +58,7 @@ class EvaluationReport:
             "unlabelled": self.unlabelled,
             "untracked_classes": self.untracked_classes,
             "failed": self.failed,
+            "perhaps_trained_on": self.perhaps_trained_on,
         }
 
 
@@ -104,9 +109,26 @@ def evaluate(
     protocol = _protocol(inputs)
     names, untracked = _choose_classes(protocol, inputs, recorded_names(classes or ()))
     evaluation = _score(protocol, inputs, names)
+    trained = _trained_on(chosen_run)
     return EvaluationReport(
-        dataset_root, chosen_run.name, evaluation, unlabelled, untracked, failed
+        dataset_root,
+        chosen_run.name,
+        evaluation,
+        unlabelled,
+        untracked,
+        failed,
+        [sequence_id for sequence_id in inputs if sequence_id in trained],
     )
+
+
+def _trained_on(run: Run) -> set[str]:
+    """Names of the sequences that a run's weights learned from, as far as that is known."""
+    try:
+        name = read_manifest(run).get("weights", {}).get("name")
+        about = read_header(weights_path(name)).about if name else {}
+    except HbbatchError:
+        return set()
+    return {known.rpartition(":")[2] for known in about.get("sequences", [])}
 
 
 def _choose_sequences(dataset: Dataset, wanted: Sequence[str] | None) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hbbatch.dataset import Dataset
+from hbbatch.errors import UsageError
 from hbbatch.runner.demo import SETTINGS, DemoReport, demo
 
 KALMAN = SETTINGS.model_copy(update={"filter": "kalman"})
@@ -46,3 +47,9 @@ def test_again_gives_the_same_and_another_seed_another_drive(
     other = demo(tmp_path, seed=2, settings=KALMAN, duration_s=8.0)
     assert other.evaluation.evaluation != first.evaluation.evaluation
     assert Dataset.open(other.dataset).sequence_ids() == ["drive"]
+
+
+def test_a_file_in_place_of_the_folder_is_named_with_the_option(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match=r"file: is a file\. Name another folder with --out\."):
+        demo(tmp_path / "file")

@@ -181,3 +181,13 @@ def test_what_does_not_exist_is_refused_by_name(in_space: Dataset) -> None:
     write_tracks(in_space, "partial", "c", car_boxes())
     with pytest.raises(SequenceError, match="sequence a: not tracked in run partial"):
         evaluate(in_space.root, "partial")
+
+
+def test_sequences_that_the_weights_may_have_learned_from_are_named(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "0000", "mine")
+    for sequence_id in ("0000", "mine"):
+        write_labels(dataset, sequence_id, car_boxes(), in_image=False)
+        write_tracks(dataset, "r", sequence_id, car_boxes())
+    weights = {"name": "kitti", "hash": "h"}
+    write_json(dataset.run("r").manifest, {"format_version": 1, "weights": weights})
+    assert evaluate(tmp_path).perhaps_trained_on == ["0000"]
