@@ -186,6 +186,11 @@ class CameraCalibration:
         return {**vars(self), "image_from_sensor": self.image_from_sensor.tolist()}
 
 
+def _one_line(text: str) -> str:
+    """Libraries quote what they could not read, line breaks included."""
+    return " ".join(text.split())
+
+
 @dataclass
 class Findings:
     """What was odd in a sequence; complete once its last frame has been read.
@@ -204,11 +209,11 @@ class Findings:
 
     def note(self, problem: str) -> None:
         """Record something odd that cost no data."""
-        self.problems.append(problem)
+        self.problems.append(_one_line(problem))
 
     def lost(self, problem: str) -> None:
         """Record that data of the source could not be read."""
-        self.problems.append(problem)
+        self.problems.append(_one_line(problem))
         self.partial = True
 
     def adopt(self, other: Findings, where: str) -> None:

@@ -93,11 +93,12 @@ def _top_level(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Cont
         position = file.tell()
         head = file.read(_FRAME.size)
         opcode, length = _FRAME.unpack(head) if len(head) == _FRAME.size else (0, 0)
-        if opcode == DATA_END and length >= 4 and not damage.places:
+        left = size - position - _FRAME.size
+        if opcode == DATA_END and 4 <= length <= left and not damage.places:
             _check_data(file, checksum, damage)
             file.seek(position + _FRAME.size + length)
             continue
-        if opcode == 0 or length > size - position - _FRAME.size:
+        if opcode == 0 or length > left:
             passed = 1
             if opcode == CHUNK:
                 content = file.read(min(length, _LARGEST_CHUNK))

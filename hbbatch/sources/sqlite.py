@@ -18,6 +18,9 @@ _MAGIC: Final = b"SQLite format 3\x00"
 _WINDOW: Final = 256
 _MOST_FAILURES: Final = 2_000
 
+_DAMAGE: Final = (sqlite3.Error, OverflowError, UnicodeDecodeError)
+"""What a damaged file can raise; sqlite's own messages may quote bytes that are no text."""
+
 
 def is_db3_file(path: Path) -> bool:
     """Whether a path is an SQLite file.
@@ -66,14 +69,20 @@ class Db3Log:
     def _open(self) -> sqlite3.Connection:
         # Immutable: no lock and no journal is made beside a file that may lie on a read-only disk.
         uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1"
-        return sqlite3.connect(uri, uri=True)
+        database = sqlite3.connect(uri, uri=True)
+        database.text_factory = _lenient_text
+        return database
+
+
+def _lenient_text(text: bytes) -> str:
+    return text.decode(errors="replace")
 
 
 def _channels(database: sqlite3.Connection, findings: Findings) -> dict[int, Channel]:
     try:
         topics = database.execute("SELECT id, name, type, serialization_format FROM topics")
         rows = topics.fetchall()
-    except sqlite3.Error as error:
+    except _DAMAGE as error:
         findings.lost(f"the table of topics cannot be read ({error})")
         return {}
     definitions = _definitions(database)
@@ -95,7 +104,7 @@ def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:
         rows = database.execute(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         ).fetchall()
-    except sqlite3.Error:
+    except _DAMAGE:
         # Before ROS 2 Iron there is no such table.
         return {}
     return {str(kind): (str(encoding), str(text).encode()) for kind, encoding, text in rows if text}
@@ -104,7 +113,7 @@ def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:
 def _row_count(database: sqlite3.Connection) -> int | None:
     try:
         (count,) = database.execute("SELECT count(*) FROM messages").fetchone()
-    except sqlite3.Error:
+    except _DAMAGE:
         return None
     return int(count)
 
@@ -124,7 +133,7 @@ def _rows(
         following = first + (1 if failures else _WINDOW)
         try:
             rows = database.execute(query, (first, following)).fetchall()
-        except (sqlite3.Error, OverflowError) as error:
+        except _DAMAGE as error:
             reason = reason or str(error)
             failures += 1
             first = first if following > first + 1 else following
@@ -139,7 +148,7 @@ def _rows(
 def _last_row(database: sqlite3.Connection) -> int:
     try:
         (last,) = database.execute("SELECT max(id) FROM messages").fetchone()
-    except sqlite3.Error:
+    except _DAMAGE:
         return _WINDOW * _MOST_FAILURES
     return last if isinstance(last, int) else -1
 
@@ -148,6 +157,6 @@ def _next_row(database: sqlite3.Connection, start: int, last: int) -> int:
     """The first row number that is not below `start`; numbers may have wide gaps."""
     try:
         (row,) = database.execute("SELECT min(id) FROM messages WHERE id >= ?", (start,)).fetchone()
-    except sqlite3.Error:
+    except _DAMAGE:
         return start
     return row if isinstance(row, int) else last + 1

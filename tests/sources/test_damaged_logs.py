@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from rosbags import rosbag1
@@ -92,6 +92,9 @@ def read(path: Path) -> tuple[list[RawMessage], Findings]:
     changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
     kept=st.one_of(st.just(1.0), st.floats(0, 1)),
 )
+@example(changes=[(0.046875, 128)], kept=1.0)
+@example(changes=[(0.046875, 34)], kept=1.0)
+@example(changes=[(0.5994605070756228, 1)], kept=1.0)
 @pytest.mark.parametrize("container", _FUZZED)
 def test_changed_bytes(
     tmp_path: Path,
