@@ -20,7 +20,7 @@ from typing import Final
 import lz4.frame  # type: ignore[import-untyped]
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted
+from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, starts_with
 from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"#ROSBAG V"
@@ -48,10 +48,7 @@ def is_bag_file(path: Path) -> bool:
     Raises:
         OSError: the file cannot be read.
     """
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return starts_with(path, _MAGIC)
 
 
 @dataclass(frozen=True)

@@ -119,3 +119,15 @@ class Count:
                 f"{where} declares {self.expected} messages, {self.read} were read: "
                 "the declaration is wrong"
             )
+
+
+def starts_with(path: Path, magic: bytes) -> bool:
+    """Whether a path is a file whose first bytes are these.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(magic)) == magic

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted
+from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted, starts_with
 from hbbatch.sources.mcap_records import (
     CHANNEL,
     FOOTER,
@@ -45,10 +45,7 @@ def is_mcap_file(path: Path) -> bool:
     Raises:
         OSError: the file cannot be read.
     """
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    return starts_with(path, MAGIC)
 
 
 @dataclass(frozen=True)

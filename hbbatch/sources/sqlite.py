@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted
+from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted, starts_with
 from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"SQLite format 3\x00"
@@ -28,10 +28,7 @@ def is_db3_file(path: Path) -> bool:
     Raises:
         OSError: the file cannot be read.
     """
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return starts_with(path, _MAGIC)
 
 
 @dataclass(frozen=True)
