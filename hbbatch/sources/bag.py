@@ -8,7 +8,6 @@ broken framing the next chunk is sought.
 from __future__ import annotations
 
 import bz2
-import hashlib
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -20,7 +19,7 @@ from typing import Final
 import lz4.frame  # type: ignore[import-untyped]
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, starts_with
+from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, file_hash, starts_with
 from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"#ROSBAG V"
@@ -87,8 +86,7 @@ class BagLog:
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the file."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "blake2b").hexdigest()
+        return file_hash(self.path)
 
 
 _Header = dict[bytes, bytes]

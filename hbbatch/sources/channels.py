@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,3 +132,9 @@ def starts_with(path: Path, magic: bytes) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(len(magic)) == magic
+
+
+def file_hash(path: Path) -> str:
+    """Hash of all bytes of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()

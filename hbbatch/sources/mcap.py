@@ -7,7 +7,6 @@ and those whose record was lost with a damaged chunk.
 
 from __future__ import annotations
 
-import hashlib
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,15 @@ from pathlib import Path
 from typing import Final
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted, starts_with
+from hbbatch.sources.channels import (
+    LATEST_NS,
+    Channel,
+    Count,
+    RawMessage,
+    Wanted,
+    file_hash,
+    starts_with,
+)
 from hbbatch.sources.mcap_records import (
     CHANNEL,
     FOOTER,
@@ -111,8 +118,7 @@ class McapLog:
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the file."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "blake2b").hexdigest()
+        return file_hash(self.path)
 
 
 class _Fields:

@@ -15,7 +15,7 @@ import yaml
 import zstandard
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import Channel, Count, MessageLog, RawMessage, Wanted
+from hbbatch.sources.channels import Channel, Count, MessageLog, RawMessage, Wanted, file_hash
 from hbbatch.sources.mcap import McapLog, is_mcap_file
 from hbbatch.sources.sqlite import Db3Log, is_db3_file
 
@@ -74,8 +74,7 @@ class PackedLog:
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the packed file."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "blake2b").hexdigest()
+        return file_hash(self.path)
 
     @contextmanager
     def _unpacked(self, findings: Findings) -> Iterator[MessageLog | None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -11,7 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import LATEST_NS, Channel, Count, RawMessage, Wanted, starts_with
+from hbbatch.sources.channels import (
+    LATEST_NS,
+    Channel,
+    Count,
+    RawMessage,
+    Wanted,
+    file_hash,
+    starts_with,
+)
 from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"SQLite format 3\x00"
@@ -60,8 +67,7 @@ class Db3Log:
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the file."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "blake2b").hexdigest()
+        return file_hash(self.path)
 
     def _open(self) -> sqlite3.Connection:
         # Immutable: no lock and no journal is made beside a file that may lie on a read-only disk.
