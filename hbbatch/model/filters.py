@@ -13,15 +13,9 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from hbbatch.model.geometry import turn, wrap_angle, wrap_half_turn
-
-AXES = 4
-"""Axes with motion: along and across the heading, up, yaw."""
-
-MAX_HEADING_VOTE = 5.0
-
-SMALLEST_SIZE_M = 0.05
-"""Floor of a box's length, width and height."""
+from hbbatch.model.geometry import wrap_angle, wrap_half_turn
+from hbbatch.motion.constants import MAX_HEADING_VOTE, SMALLEST_SIZE_M
+from hbbatch.motion.turns import turn
 
 
 class Measurement(NamedTuple):

@@ -11,28 +11,27 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from hbbatch.model.columns import Columns
 from hbbatch.model.filters import (
-    AXES,
-    SMALLEST_SIZE_M,
     Innovation,
     Measurement,
     innovation,
     moved,
     plan_range,
 )
-from hbbatch.model.geometry import turn, wrap_half_turn
-from hbbatch.model.kalman import RANGE_UNIT_M, KalmanFilter, MotionModel
+from hbbatch.model.geometry import wrap_half_turn
+from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.network import GainNetwork, ResidualPredictor
-
-_INNOVATION_UNIT = (0.3, 0.15, 0.1, 0.1, 0.2, 0.1, 0.1)
-"""Rough sizes of innovations (m, rad), so that features are of order one."""
-
-_RATE_UNIT = (10.0, 2.0, 0.5, 0.3, 0.3, 0.3, 0.3)
-"""Rough sizes of rates in the heading frame (m/s, rad/s): centre, sizes, yaw."""
-
-FEATURE_LIMIT = 6.0
-LONGEST_TIME_S = 2.0
+from hbbatch.motion.columns import Columns, MotionModel
+from hbbatch.motion.constants import (
+    AXES,
+    FEATURE_LIMIT,
+    INNOVATION_UNIT,
+    LONGEST_TIME_S,
+    RANGE_UNIT_M,
+    RATE_UNIT,
+    SMALLEST_SIZE_M,
+)
+from hbbatch.motion.turns import turn
 
 
 class HybridFilter(nn.Module):
@@ -82,8 +81,8 @@ class HybridFilter(nn.Module):
         seen_before = memory + 7 * history + 7 + AXES + 2 + 1 + 3 + kinds
         self.residual = ResidualPredictor(seen_before, hidden, head)
         self.gain = GainNetwork(7 + 7 + AXES + 2 + 2 + 2 + 3 + kinds, memory)
-        self.register_buffer("innovation_unit", torch.tensor(_INNOVATION_UNIT), persistent=False)
-        self.register_buffer("rate_unit", torch.tensor(_RATE_UNIT), persistent=False)
+        self.register_buffer("innovation_unit", torch.tensor(INNOVATION_UNIT), persistent=False)
+        self.register_buffer("rate_unit", torch.tensor(RATE_UNIT), persistent=False)
         self.register_buffer("kind_rows", torch.eye(kinds), persistent=False)
 
     def birth(self, measurement: Measurement, class_code: Tensor) -> Tensor:

@@ -8,15 +8,11 @@ fitted by likelihood (`hbbatch.model.likelihood`).
 
 from __future__ import annotations
 
-from typing import Literal
-
 import torch
 from torch import Tensor, nn
 
-from hbbatch.model import covariance as cov
-from hbbatch.model.columns import Columns
+from hbbatch.model.blocks import blocks, initial, join
 from hbbatch.model.filters import (
-    AXES,
     Innovation,
     Measurement,
     innovation,
@@ -24,10 +20,10 @@ from hbbatch.model.filters import (
     plan_range,
     settle_heading,
 )
-from hbbatch.model.geometry import turn
-
-MotionModel = Literal["cv", "ca", "ct"]
-RANGE_UNIT_M = 50.0
+from hbbatch.motion import covariance as cov
+from hbbatch.motion.columns import MotionModel, kalman_columns, kalman_order
+from hbbatch.motion.constants import AXES, RANGE_UNIT_M
+from hbbatch.motion.turns import turn
 
 
 class KalmanFilter(nn.Module):
@@ -38,17 +34,8 @@ class KalmanFilter(nn.Module):
         super().__init__()
         self.class_names = class_names
         self.model: MotionModel = model
-        self.order = 3 if model == "ca" else 2
-        self.columns = Columns(
-            {
-                "velocity": AXES,
-                **({"acceleration": AXES} if model == "ca" else {}),
-                "covariance": AXES * len(cov.pairs(self.order)),
-                "size_variance": 3,
-                "heading_vote": 1,
-                "class_code": 1,
-            }
-        )
+        self.order = kalman_order(model)
+        self.columns = kalman_columns(model)
         self.width = self.columns.width
         classes = len(class_names)
         start = torch.tensor([-2.5, -3.5, -5.0, -4.0])
@@ -63,12 +50,12 @@ class KalmanFilter(nn.Module):
     def birth(self, measurement: Measurement, class_code: Tensor) -> Tensor:
         """Rows `(n, width)` of tracks born from detections, at rest with wide uncertainty."""
         variance, size_variance = self.measurement_variance(measurement, class_code)
-        initial = self.log_initial[class_code].exp()
-        derivatives = [initial[:, d] for d in range(self.order - 1)]
-        at_rest = torch.zeros_like(initial).flatten(1)
+        variances = self.log_initial[class_code].exp()
+        derivatives = [variances[:, d] for d in range(self.order - 1)]
+        at_rest = torch.zeros_like(variances).flatten(1)
         vote = torch.ones_like(size_variance[:, :1])
         code = class_code[:, None].to(vote.dtype)
-        covariance = cov.join(cov.initial([variance, *derivatives]))
+        covariance = join(initial([variance, *derivatives]))
         return torch.cat([at_rest, covariance, size_variance, vote, code], dim=1)
 
     def measurement_variance(self, seen: Measurement, class_code: Tensor) -> tuple[Tensor, Tensor]:
@@ -91,14 +78,12 @@ class KalmanFilter(nn.Module):
         step, velocity = self._advance(rows, dt)
         yaw = step[:, 3:4]
         box_step = torch.cat([step[:, :3], torch.zeros_like(step[:, :3]), yaw], dim=1)
-        covariance = cov.blocks(rows[:, column["covariance"]], self.order, AXES)
+        covariance = blocks(rows[:, column["covariance"]], self.order, AXES)
         covariance = cov.propagate(covariance, noise, dt)
         size_noise = self.log_q_size[rows[:, -1].long()].exp() * dt
         size_variance = rows[:, column["size_variance"]] + size_noise
         tail = rows[:, column["heading_vote"].start :]
-        return boxes + box_step, torch.cat(
-            [velocity, cov.join(covariance), size_variance, tail], dim=1
-        )
+        return boxes + box_step, torch.cat([velocity, join(covariance), size_variance, tail], dim=1)
 
     def _advance(self, rows: Tensor, dt: Tensor) -> tuple[Tensor, Tensor]:
         """World-frame step `(n, 4)` and the derivatives after it, by the motion model."""
@@ -126,7 +111,7 @@ class KalmanFilter(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """Posterior boxes and rows with the innovation and the measurement variances given."""
         column = self.columns
-        covariance = cov.blocks(rows[:, column["covariance"]], self.order, AXES)
+        covariance = blocks(rows[:, column["covariance"]], self.order, AXES)
         gains, covariance = cov.correct(covariance, variance)
         before = rows[:, column["size_variance"]]
         size_gain = before / (before + size_variance)
@@ -141,9 +126,7 @@ class KalmanFilter(nn.Module):
             dim=1,
         )
         shrunk = (1.0 - size_gain) * before
-        return boxes, torch.cat(
-            [derivatives, cov.join(covariance), shrunk, vote, rows[:, -1:]], dim=1
-        )
+        return boxes, torch.cat([derivatives, join(covariance), shrunk, vote, rows[:, -1:]], dim=1)
 
     def velocity(self, rows: Tensor) -> Tensor:
         """`(n, 3)` velocity in the world frame, m/s."""

@@ -12,11 +12,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from hbbatch.model import covariance as cov
-from hbbatch.model.filters import AXES, innovation
+from hbbatch.model.blocks import blocks
+from hbbatch.model.filters import innovation
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.unroll import Step, unroll
 from hbbatch.model.windows import Windows, WindowSet
+from hbbatch.motion.constants import AXES
 
 TAIL = 5.0
 """Degrees of freedom of the Student t that judges innovations, so that outliers do not rule."""
@@ -67,7 +68,7 @@ def _judge(motion: KalmanFilter, windows: Windows, step: Step) -> Tensor:
     seen = windows.measurement(step.frame)
     variance, size_variance = motion.measurement_variance(seen, windows.kind_code)
     column = motion.columns
-    forecast = cov.blocks(step.predicted[:, column["covariance"]], motion.order, AXES)[0, 0]
+    forecast = blocks(step.predicted[:, column["covariance"]], motion.order, AXES)[0, 0]
     new = innovation(step.prior, seen.boxes)
     size_forecast = step.predicted[:, column["size_variance"]]
     return student_t(new.motion, forecast + variance) + student_t(

@@ -10,19 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from hbbatch.model.filters import AXES
-
-HEADS = {"centre": 3, "size": 3, "yaw": 1}
-"""The three parallel heads of the residual predictor and how many coordinates each gives."""
-
-
-LARGEST_SAID = 4.0
-"""Bound on what the gain network says, so that no noise factor leaves e⁻⁴ to e⁴."""
-
-
-_RESIDUAL_UNIT = (1.0, 0.5, 0.05, 0.01, 0.01, 0.01, 0.2)
-"""What the heads say is scaled by this (m/s along, across, up; m/s of the sizes; rad/s): sizes and
-height hardly change, and a detector's mean error must not be learned as motion."""
+from hbbatch.motion.constants import AXES, HEADS, LARGEST_SAID, RESIDUAL_UNIT
 
 
 class ResidualPredictor(nn.Module):
@@ -41,7 +29,7 @@ class ResidualPredictor(nn.Module):
         self.heads_out = nn.ModuleDict({name: nn.Linear(head, n) for name, n in HEADS.items()})
         for layer in self.heads_out.values():
             _start_at_zero(layer)
-        self.register_buffer("unit", torch.tensor(_RESIDUAL_UNIT), persistent=False)
+        self.register_buffer("unit", torch.tensor(RESIDUAL_UNIT), persistent=False)
 
     def forward(self, features: Tensor) -> Tensor:
         """Rates `(n, 7)`: m/s along, across and up, m/s of the sizes, rad/s of yaw."""

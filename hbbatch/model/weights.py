@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from hbbatch.errors import WeightsError
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
-from hbbatch.model.weights_files import WeightsHeader, open_weights
+from hbbatch.model.weights_files import WeightsFile, WeightsHeader, open_weights
 
 Filter = KalmanFilter | HybridFilter
 
@@ -43,17 +43,22 @@ def load_filter(kind: str, name: str | None, classes: Sequence[str] | None) -> L
         UsageError: a class the weights do not know.
     """
     file = open_weights(kind, name, classes)
-    header = file.header
-    motion = build_filter(header)
+    motion = build_loaded(file)
+    return LoadedFilter(motion, file.class_names, file.kind_codes, file.content_hash, file.header)
+
+
+def build_loaded(file: WeightsFile) -> Filter:
+    """The filter of a weights file.
+
+    Raises:
+        WeightsError: the file does not fit this version's filters.
+    """
+    motion = build_filter(file.header)
     try:
         motion.load_state_dict(load_tensors(file.content))
     except (RuntimeError, SafetensorError) as error:
-        raise WeightsError(
-            f"{file.path}: does not fit this version's {kind} filter "
-            f"({str(error).splitlines()[0]}). Train again with `hbbatch train`."
-        ) from error
-    codes = tuple(header.kinds.index(header.kind_of_class[name]) for name in file.class_names)
-    return LoadedFilter(motion, file.class_names, codes, file.content_hash, header)
+        raise file.misfit(str(error).splitlines()[0]) from error
+    return motion
 
 
 def build_filter(header: WeightsHeader) -> Filter:

@@ -12,9 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from safetensors import SafetensorError, safe_open
+from safetensors.numpy import load as load_arrays
 
 from hbbatch.errors import UsageError, WeightsError
+from hbbatch.motion.parameters import Parameters
 
 WEIGHTS_VERSION: Final = 1
 SHIPPED: Final = Path(__file__).parent / "weights"
@@ -62,6 +65,31 @@ class WeightsFile:
     def content_hash(self) -> str:
         """Hash of the whole file."""
         return hashlib.sha256(self.content).hexdigest()
+
+    @property
+    def kind_codes(self) -> tuple[int, ...]:
+        """For each class, which of the header's kinds it is."""
+        kinds, kind_of_class = self.header.kinds, self.header.kind_of_class
+        return tuple(kinds.index(kind_of_class[name]) for name in self.class_names)
+
+    def parameters(self) -> Parameters:
+        """The filter's arrays, by name.
+
+        Raises:
+            WeightsError: the file is damaged.
+        """
+        try:
+            arrays = load_arrays(self.content)
+        except (SafetensorError, KeyError) as error:
+            raise self.misfit(str(error)) from error
+        return {name: array.astype(np.float32, copy=False) for name, array in arrays.items()}
+
+    def misfit(self, reason: str) -> WeightsError:
+        """That the file's arrays are not those of this version's filter."""
+        return WeightsError(
+            f"{self.path}: does not fit this version's {self.header.filter} filter ({reason}). "
+            "Train again with `hbbatch train`."
+        )
 
 
 def shipped_names() -> list[str]:

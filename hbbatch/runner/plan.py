@@ -36,6 +36,8 @@ _STEP_EFFORT: Final = 200
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
     "model/*.py",
+    "motion/*.py",
+    "packed/*.py",
     "boxes.py",
     "overlap.py",
     "projection.py",

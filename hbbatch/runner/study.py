@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import torch
 from pydantic import Field
 
 from hbbatch.config import Settings, TrackSettings, TrainSettings, load_yaml, validate
@@ -224,7 +223,7 @@ def _track(
     content = {"weights": str(weights), "classes": classes, **variant.track}
     content["output"] = {**content.get("output", {}), "protocol": protocol}
     settings = TrackSettings.model_validate({**content, "filter": variant.filter})
-    tracker = Tracker(settings, torch.device("cpu"))
+    tracker = Tracker(settings)
     done = tracker.track([material.frames[s] for s in material.sequences])
     return {d.frames.sequence_id: tracks_table(d, tracker.class_names) for d in done}
 

@@ -83,7 +83,7 @@ def load_tracker(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
     torch.set_num_threads(1)
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
-    return LoadedTracker(Tracker(settings, torch.device(device)), device)
+    return LoadedTracker(Tracker(settings, device), device)
 
 
 def check_device(device: DeviceName) -> None:

@@ -6,10 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.model.packed import PackedFilter, Single
-from hbbatch.tracking.bank import Said
+from hbbatch.errors import WeightsError
+from hbbatch.model.weights_files import WeightsFile
+from hbbatch.packed.filters import packed_filter
+from hbbatch.packed.kalman import PackedFilter, Single
+from hbbatch.tracking.bank import MakeBank, Said
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
+
+
+def packed_banks(file: WeightsFile) -> MakeBank:
+    """Banks of the packed filter of a weights file.
+
+    Raises:
+        WeightsError: the file does not fit this version's filters.
+    """
+    header = file.header
+    try:
+        motion = packed_filter(header.filter, header.kinds, header.options, file.parameters())
+    except WeightsError as error:
+        raise file.misfit(str(error)) from error
+    return lambda plan, kinds: PackedBank(motion, plan, kinds)
 
 
 class PackedBank:

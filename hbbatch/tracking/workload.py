@@ -15,14 +15,15 @@ import torch
 from torch import nn
 
 from hbbatch.config import TrackSettings
-from hbbatch.model.packed_hybrid import packed
-from hbbatch.model.weights import load_filter
-from hbbatch.tracking.bank import FilterBank, TensorBank
+from hbbatch.model.weights import build_loaded
+from hbbatch.model.weights_files import open_weights
+from hbbatch.tracking.bank import FilterBank, MakeBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
-from hbbatch.tracking.packed_bank import PackedBank
+from hbbatch.tracking.packed_bank import packed_banks
 from hbbatch.tracking.plain import track_plainly
-from hbbatch.tracking.schedule import Schedule, schedule
+from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.tensor_bank import tensor_banks
 from hbbatch.tracking.tracks import StageSeconds
 
 Way = Literal["packed", "tensors"]
@@ -53,18 +54,21 @@ class Workload:
     def __init__(self, settings: TrackSettings) -> None:
         """Load the filter that the settings name."""
         torch.set_num_threads(1)
-        loaded = load_filter(settings.filter, settings.weights, settings.classes)
-        self.class_names = loaded.class_names
+        file = open_weights(settings.filter, settings.weights, settings.classes)
+        self.class_names = file.class_names
         self._settings = settings
-        self._motion = loaded.motion.eval()
-        self._kinds = np.array(loaded.kind_codes)
+        self._motion = build_loaded(file).eval()
+        self._kinds = np.array(file.kind_codes)
+        self._ways: dict[Way, MakeBank] = {
+            "packed": packed_banks(file),
+            "tensors": tensor_banks(file, "cpu"),
+        }
 
-    @torch.inference_mode()
     def step(self, group: Sequence[SequenceFrames], way: Way = "packed") -> Effort:
         """Track a group in lock step."""
         start = perf_counter()
         plan = schedule(group)
-        bank = _Counting(self._bank(plan, way))
+        bank = _Counting(self._ways[way](plan, self._kinds[plan.class_codes]))
         stages = StageSeconds()
         for _, _, share in LockStep(plan, bank, self._kinds, self._settings).run():
             for stage, seconds in vars(share).items():
@@ -82,11 +86,6 @@ class Workload:
         """Of the network, for one track: to predict and to correct."""
         parts = dict(self._motion.named_children())
         return _weights(parts.get("residual")), _weights(parts.get("gain"))
-
-    def _bank(self, plan: Schedule, way: Way) -> FilterBank:
-        if way == "packed":
-            return PackedBank(packed(self._motion), plan, self._kinds[plan.class_codes])
-        return TensorBank(self._motion, plan, torch.device("cpu"))
 
 
 def sgemm_rate(rows: int, inner: int, columns: int, seconds: float = 0.3) -> float:

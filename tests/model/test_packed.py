@@ -14,7 +14,7 @@ from torch import nn
 from hbbatch.model.filters import Measurement
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter, MotionModel
-from hbbatch.model.packed_hybrid import packed
+from tests.model.twins import packed
 
 KINDS = ("vehicle", "pedestrian", "cyclist")
 TOLERANCE = 2e-4

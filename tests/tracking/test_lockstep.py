@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from hbbatch.config import TrackSettings
 from hbbatch.tracking.engine import Tracker
@@ -14,8 +13,6 @@ from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import scaling_factor
 from hbbatch.tracking.tracks import STATE_NAMES, SequenceTracks
 from tests.tracking.drives import car, passing_cars, sequence
-
-CPU = torch.device("cpu")
 
 
 def settings(**changes: object) -> TrackSettings:
@@ -26,7 +23,7 @@ ONLINE = {"protocol": "online", "max_coasted": 100}
 
 
 def track(frames: SequenceFrames, chosen: TrackSettings | None = None) -> SequenceTracks:
-    (done,) = Tracker(chosen or settings(), CPU).track([frames])
+    (done,) = Tracker(chosen or settings()).track([frames])
     return done.tracks
 
 
@@ -85,7 +82,7 @@ def test_kinds_are_not_mixed_and_classes_of_one_kind_are() -> None:
 
 def test_empty_sequences_give_empty_tracks() -> None:
     group = [sequence([], name="no frames"), sequence([[], [], []], name="no boxes")]
-    done = list(Tracker(settings(), CPU).track(group))
+    done = list(Tracker(settings()).track(group))
     assert {d.frames.sequence_id: len(d.tracks.track_id) for d in done} == {
         "no frames": 0,
         "no boxes": 0,
@@ -95,7 +92,7 @@ def test_empty_sequences_give_empty_tracks() -> None:
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
 def test_a_sequence_does_not_feel_the_others_of_its_group(name: str) -> None:
     group = [passing_cars(seed, 30 + 10 * seed, name=str(seed)) for seed in range(5)]
-    tracker = Tracker(settings(filter=name), CPU)
+    tracker = Tracker(settings(filter=name))
     together = {d.frames.sequence_id: d.tracks for d in tracker.track(group)}
     for frames in group:
         (alone,) = tracker.track([frames])
@@ -107,7 +104,7 @@ def test_real_drives_do_not_feel_each_other_either(test_data: Path, name: str) -
     from tests.tracking.real_drives import real_frames
 
     group = [real_frames(test_data, s) for s in ("0000", "0003", "0012", "0014")]
-    tracker = Tracker(settings(filter=name), CPU)
+    tracker = Tracker(settings(filter=name))
     together = {d.frames.sequence_id: d.tracks for d in tracker.track(group)}
     for frames in group:
         (alone,) = tracker.track([frames])
@@ -124,7 +121,7 @@ def assert_same(first: SequenceTracks, second: SequenceTracks) -> None:
 
 
 def test_time_is_shared_out_among_sequences() -> None:
-    done = list(Tracker(settings(), CPU).track([passing_cars(1), passing_cars(2, 20)]))
+    done = list(Tracker(settings()).track([passing_cars(1), passing_cars(2, 20)]))
     assert all(d.seconds.predict > 0 and d.seconds.manage > 0 for d in done)
 
 

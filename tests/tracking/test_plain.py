@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from hbbatch.config import TrackSettings
-from hbbatch.model.packed_hybrid import packed
 from hbbatch.model.weights import load_filter
-from hbbatch.tracking.bank import TensorBank
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import PackedBank
 from hbbatch.tracking.plain import track_plainly
 from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.tensor_bank import TensorBank
 from hbbatch.tracking.tracks import SequenceTracks
+from tests.model.twins import packed
 from tests.tracking.drives import passing_cars
 
 BOX_TOLERANCE = 1e-3

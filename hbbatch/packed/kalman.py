@@ -14,14 +14,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from hbbatch.boxes import FloatArray, wrap_angle
-from hbbatch.model import covariance as cov
-from hbbatch.model.columns import Columns
-from hbbatch.model.filters import AXES, MAX_HEADING_VOTE, SMALLEST_SIZE_M
-from hbbatch.model.geometry import turn
-from hbbatch.model.kalman import RANGE_UNIT_M, KalmanFilter
+from hbbatch.motion import covariance as cov
+from hbbatch.motion.columns import Columns, kalman_columns, kalman_order
+from hbbatch.motion.constants import AXES, MAX_HEADING_VOTE, RANGE_UNIT_M, SMALLEST_SIZE_M
+from hbbatch.motion.parameters import KalmanOptions, Parameters
+from hbbatch.motion.turns import turn
 
 Single = NDArray[np.float32]
 IntArray = NDArray[np.int64]
@@ -54,21 +53,25 @@ class PackedFilter(Protocol):
 
 
 class PackedKalman:
-    """`KalmanFilter`, packed. State: its columns, then constants of the track's kind."""
+    """`model.kalman.KalmanFilter`, packed.
 
-    def __init__(self, motion: KalmanFilter) -> None:
-        """Take the parameters as they are now."""
-        self._motion = motion.model
-        self._order = motion.order
-        self._columns = motion.columns
-        self._pairs = cov.pairs(motion.order)
-        self._log_r, self._log_r_range = _table(motion.log_r), _table(motion.log_r_range)
-        self._r_size = np.exp(_table(motion.log_r_size))
-        self._initial = np.exp(_array(motion.log_initial)).transpose(1, 2, 0)
-        self._constants = np.concatenate(
-            [np.exp(_table(motion.log_q)), np.exp(_table(motion.log_q_size))]
+    State: its columns, then constants of the track's kind.
+    """
+
+    def __init__(self, parameters: Parameters, options: KalmanOptions) -> None:
+        """Parameters of the shapes that the options ask for."""
+        self._motion = options.model
+        self._columns = kalman_columns(options.model)
+        self._pairs = cov.pairs(kalman_order(options.model))
+        self._log_r = by_kind(parameters["log_r"])
+        self._log_r_range = by_kind(parameters["log_r_range"])
+        self._r_size = np.exp(by_kind(parameters["log_r_size"]))
+        self._initial = np.exp(parameters["log_initial"]).transpose(1, 2, 0)
+        self._constants = np.exp(
+            np.concatenate([by_kind(parameters["log_q"]), by_kind(parameters["log_q_size"])])
         )
-        self._noise = slice(motion.width, motion.width + AXES)
+        width = self._columns.width
+        self._noise = slice(width, width + AXES)
         self._size_noise = slice(self._noise.stop, self._noise.stop + 3)
         self.height = self._size_noise.stop
 
@@ -176,7 +179,7 @@ class PackedKalman:
 
 
 class PackedInnovation:
-    """`filters.Innovation`, packed: measured boxes minus prior boxes, both `(7, n)`.
+    """`model.filters.Innovation`, packed: measured boxes minus prior boxes, both `(7, n)`.
 
     Attributes:
         motion: `(4, n)` along, across, up, yaw; yaw as if a half turn did not matter.
@@ -200,7 +203,7 @@ class PackedInnovation:
 
 
 def move(boxes: FloatArray, motion: Single, size: Single, cos: Single, sin: Single) -> None:
-    """`filters.moved`, in place: boxes `(7, n)` go by a heading-frame step."""
+    """`model.filters.moved`, in place: boxes `(7, n)` go by a heading-frame step."""
     x, y = turn(motion[0], motion[1], cos, sin)
     boxes[0] += x
     boxes[1] += y
@@ -216,18 +219,13 @@ def wrap_half_turn(angle_rad: NDArray[Any]) -> NDArray[Any]:
 
 
 def _settle_heading(boxes: FloatArray, vote: Single, flipped: NDArray[np.bool_]) -> None:
-    """`filters.settle_heading`, in place."""
+    """`model.filters.settle_heading`, in place."""
     vote += 1.0 - 2.0 * flipped
     np.minimum(vote, MAX_HEADING_VOTE, out=vote)
     boxes[6] = wrap_angle(boxes[6] + np.pi * (vote[0] < 0.0))
     np.abs(vote, out=vote)
 
 
-def _array(parameter: Tensor) -> Single:
-    array: Single = parameter.detach().cpu().numpy().astype(np.float32)
-    return array
-
-
-def _table(parameter: Tensor) -> Single:
+def by_kind(parameter: Single) -> Single:
     """A parameter `(kinds, k)` as `(k, kinds)`, to be indexed by kind."""
-    return np.ascontiguousarray(_array(parameter).T)
+    return np.ascontiguousarray(parameter.T)

@@ -2,57 +2,58 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
-import torch
-from torch import Tensor, nn
 
 from hbbatch.boxes import FloatArray
-from hbbatch.model.columns import Columns
-from hbbatch.model.filters import AXES, SMALLEST_SIZE_M
-from hbbatch.model.geometry import turn
-from hbbatch.model.hybrid import FEATURE_LIMIT, LONGEST_TIME_S, HybridFilter
-from hbbatch.model.kalman import KalmanFilter
-from hbbatch.model.network import LARGEST_SAID, GainNetwork, ResidualPredictor
-from hbbatch.model.packed import (
+from hbbatch.motion.columns import Columns, kalman_columns
+from hbbatch.motion.constants import (
+    AXES,
+    FEATURE_LIMIT,
+    INNOVATION_UNIT,
+    LONGEST_TIME_S,
+    RATE_UNIT,
+    SMALLEST_SIZE_M,
+)
+from hbbatch.motion.parameters import HybridOptions, KalmanOptions, Parameters, part
+from hbbatch.motion.turns import turn
+from hbbatch.packed.kalman import (
     DETECTION,
     IntArray,
-    PackedFilter,
     PackedInnovation,
     PackedKalman,
     Single,
+    by_kind,
     move,
     wrap_half_turn,
 )
+from hbbatch.packed.network import PackedGain, PackedResidual
 
 _CENTRE_AND_YAW = [0, 1, 2, 6]
 
 
-def packed(motion: KalmanFilter | HybridFilter) -> PackedFilter:
-    """The packed twin of a filter, with its parameters as they are now."""
-    return PackedKalman(motion) if isinstance(motion, KalmanFilter) else PackedHybrid(motion)
-
-
 class PackedHybrid:
-    """`HybridFilter`, packed. State: the base's, then the module's other columns, then its kind."""
+    """`model.hybrid.HybridFilter`, packed.
 
-    @torch.no_grad()
-    def __init__(self, motion: HybridFilter) -> None:
-        """Take the parameters as they are now."""
-        self._base = PackedKalman(motion.base)
-        self._velocity = motion.base.columns["velocity"]
-        covariance = motion.base.columns["covariance"].start
+    State: the base's, then the module's other columns, then its kind.
+    """
+
+    def __init__(self, parameters: Parameters, kinds: int, options: HybridOptions) -> None:
+        """Parameters of the shapes that the options ask for."""
+        base = part(parameters, "base")
+        self._base = PackedKalman(base, KalmanOptions(options.motion_model))
+        columns = kalman_columns(options.motion_model)
+        self._velocity = columns["velocity"]
+        covariance = columns["covariance"].start
         self._spread = slice(covariance, covariance + AXES)
-        self._kind_rows = np.eye(len(motion.class_names), dtype=np.float32)
-        self._memory = motion.gain.recurrent.hidden_size
+        self._kind_rows = np.eye(kinds, dtype=np.float32)
+        self._memory = options.memory
         self._columns = Columns(
             {
                 "base": self._base.height,
                 "log_noise": AXES,
-                "kind": len(motion.class_names),
+                "kind": kinds,
                 "memory": self._memory,
-                "history": 7 * motion.history,
+                "history": 7 * options.history,
                 "correction": 7,
                 "process": AXES,
                 "counters": 2,
@@ -60,11 +61,11 @@ class PackedHybrid:
             }
         )
         self.height = self._columns.width
-        self._log_q = motion.base.log_q.detach().numpy().T
-        self._residual = _Residual(motion.residual)
-        self._gain = _Gain(motion.gain)
-        self._rate_unit = _column(motion.rate_unit)
-        self._innovation_unit = _column(motion.innovation_unit)
+        self._log_q = by_kind(base["log_q"])
+        self._residual = PackedResidual(part(parameters, "residual"))
+        self._gain = PackedGain(part(parameters, "gain"))
+        self._rate_unit = _column(RATE_UNIT)
+        self._innovation_unit = _column(INNOVATION_UNIT)
 
     def detections(self, sight_m: FloatArray, kinds: IntArray) -> Single:
         """See `PackedFilter.detections`."""
@@ -166,77 +167,6 @@ class PackedHybrid:
         return state[self._velocity][:3]
 
 
-class _Residual:
-    """`ResidualPredictor` as three matrices; a row of ones in each input carries the biases."""
-
-    def __init__(self, network: ResidualPredictor) -> None:
-        self._encoder = _with_ones(_affine(network.encoder))
-        self._heads_in = _with_ones(_affine(network.heads_in))
-        heads = [_affine(cast("nn.Linear", layer)) for layer in network.heads_out.values()]
-        weights = torch.block_diag(*(head[:, :-1] for head in heads))  # type: ignore[no-untyped-call]
-        biases = torch.cat([head[:, -1:] for head in heads])
-        self._heads_out = torch.hstack([weights, biases]) * network.unit[:, None]
-        self.inputs = self._encoder.shape[1]
-
-    def __call__(self, features: Single) -> Single:
-        """Rates `(7, n)`; the last row of features is ones."""
-        encoded = _rectified(_product(self._encoder, features))
-        return _product(self._heads_out, _rectified(_product(self._heads_in, encoded)))
-
-
-class _Gain:
-    """`GainNetwork` with the gates' matrices side by side."""
-
-    def __init__(self, network: GainNetwork) -> None:
-        recurrent = network.recurrent
-        self._memory = recurrent.hidden_size
-        given, kept = recurrent.weight_ih, recurrent.weight_hh
-        given_bias, kept_bias = recurrent.bias_ih[:, None], recurrent.bias_hh[:, None]
-        gates, rest = slice(0, 2 * self._memory), slice(2 * self._memory, None)
-        # The sign is that of 1 / (1 + exp(-x)).
-        self._gates = -torch.hstack([kept, given_bias + kept_bias, given])[gates]
-        self._candidate = torch.hstack([given_bias, given])[rest].clone()
-        self._kept = torch.hstack([kept, kept_bias])[rest].clone()
-        self._read_out = _affine(network.read_out) / LARGEST_SAID
-        self.inputs = self._gates.shape[1]
-
-    def __call__(self, inputs: Single) -> tuple[Single, Single]:
-        """New memory, and log factors `(8, n)` of process and measurement noise.
-
-        Args:
-            inputs: memory, a row of ones, features; the memory is replaced in place.
-        """
-        memory = inputs[: self._memory]
-        gates = _product(self._gates, inputs)
-        np.exp(gates, out=gates)
-        gates += 1.0
-        np.reciprocal(gates, out=gates)
-        reset, keep = gates[: self._memory], gates[self._memory :]
-        remembered = _product(self._kept, inputs[: self._memory + 1])
-        remembered *= reset
-        candidate = _product(self._candidate, inputs[self._memory :])
-        candidate += remembered
-        np.tanh(candidate, out=candidate)
-        memory -= candidate
-        memory *= keep
-        memory += candidate
-        said = _product(self._read_out, inputs[: self._memory + 1])
-        np.tanh(said, out=said)
-        said *= LARGEST_SAID
-        return memory, said
-
-
-def _product(layer: Tensor, inputs: Single) -> Single:
-    """Matrix product by torch, which computes in as many threads as the process was told to."""
-    product: Single = torch.mm(layer, torch.from_numpy(inputs)).numpy()
-    return product
-
-
-def _rectified(outputs: Single) -> Single:
-    # With a scalar zero numpy takes a path several times slower.
-    return np.maximum(outputs, np.zeros_like(outputs), out=outputs)
-
-
 def _limit(features: Single) -> None:
     np.clip(features, -FEATURE_LIMIT, FEATURE_LIMIT, out=features)
 
@@ -252,18 +182,5 @@ def _counters(seconds: Single) -> Single:
     return counters
 
 
-def _affine(layer: nn.Linear) -> Tensor:
-    """Weights and, in a last column, biases of a linear layer."""
-    return torch.hstack([layer.weight, layer.bias[:, None]])
-
-
-def _with_ones(layer: Tensor) -> Tensor:
-    """A layer whose last output is one, given inputs whose last row is ones."""
-    ones = torch.zeros_like(layer[:1])
-    ones[0, -1] = 1.0
-    return torch.cat([layer, ones])
-
-
-def _column(parameter: Tensor) -> Single:
-    column: Single = parameter.numpy()[:, None]
-    return column
+def _column(values: tuple[float, ...]) -> Single:
+    return np.array(values, np.float32)[:, None]

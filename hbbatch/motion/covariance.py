@@ -1,8 +1,7 @@
 """Covariances of independent axes, each a chain of derivatives, in closed form.
 
 An axis has `order` states: position, velocity (and acceleration). Its symmetric covariance is kept
-as blocks `P[i][j]`, i ≤ j, each a tensor `(n, axes)`; `blocks` and `join` go to and from the flat
-matrix that a filter's rows hold. White noise drives the highest derivative (Bar-Shalom, Li and
+as blocks `P[i][j]`, i ≤ j. White noise drives the highest derivative (Bar-Shalom, Li and
 Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration. The
 recursions serve tensors `(n, axes)` with times `(n, 1)` and numpy arrays `(axes, n)` with times
 `(n,)` alike.
@@ -13,36 +12,12 @@ from __future__ import annotations
 import math
 from functools import cache
 
-import torch
-from torch import Tensor
-
-from hbbatch.model.geometry import Array
-
-Blocks = dict[tuple[int, int], Tensor]
+from hbbatch.motion.turns import Array
 
 
 def pairs(order: int) -> list[tuple[int, int]]:
     """Indices of the upper triangle, in the order of the flat matrix."""
     return [(i, j) for i in range(order) for j in range(i, order)]
-
-
-def blocks(flat: Tensor, order: int, axes: int) -> Blocks:
-    """Views on the blocks of a flat `(n, axes · order · (order + 1) / 2)` covariance."""
-    return {
-        pair: flat[:, number * axes : (number + 1) * axes]
-        for number, pair in enumerate(pairs(order))
-    }
-
-
-def join(covariance: Blocks) -> Tensor:
-    """The flat matrix of the blocks."""
-    return torch.cat(list(covariance.values()), dim=1)
-
-
-def initial(variances: list[Tensor]) -> Blocks:
-    """Uncorrelated covariance with the given variance `(n, axes)` for each derivative."""
-    zero = torch.zeros_like(variances[0])
-    return {(i, j): variances[i] if i == j else zero for i, j in pairs(len(variances))}
 
 
 def propagate(

@@ -7,7 +7,8 @@ import pytest
 import torch
 from scipy.integrate import quad
 
-from hbbatch.model import covariance as cov
+from hbbatch.model.blocks import Blocks
+from hbbatch.motion import covariance as cov
 
 
 def random_covariance(order: int, rng: np.random.Generator) -> np.ndarray:
@@ -15,14 +16,14 @@ def random_covariance(order: int, rng: np.random.Generator) -> np.ndarray:
     return root @ root.T + 0.1 * np.eye(order)
 
 
-def as_blocks(matrix: np.ndarray) -> cov.Blocks:
+def as_blocks(matrix: np.ndarray) -> Blocks:
     return {
         (i, j): torch.tensor([[matrix[i, j]]], dtype=torch.float64)
         for i, j in cov.pairs(len(matrix))
     }
 
 
-def as_matrix(blocks: cov.Blocks, order: int) -> np.ndarray:
+def as_matrix(blocks: Blocks, order: int) -> np.ndarray:
     return np.array(
         [[blocks[min(i, j), max(i, j)].item() for j in range(order)] for i in range(order)]
     )
@@ -64,8 +65,3 @@ def test_correction_is_the_textbook_kalman_update(order: int) -> None:
     gain = before @ h.T / (h @ before @ h.T + variance)
     assert [g.item() for g in gains] == pytest.approx(gain[:, 0])
     assert as_matrix(after, order) == pytest.approx(before - gain @ h @ before)
-
-
-def test_blocks_survive_the_flat_form() -> None:
-    flat = torch.arange(2 * 24.0).reshape(2, 24)
-    assert torch.equal(cov.join(cov.blocks(flat, 3, 4)), flat)

@@ -11,10 +11,10 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from hbbatch.config import TrackSettings
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
-from hbbatch.tracking import bank as bank_module
-from hbbatch.tracking.bank import ROW_PADDING, TensorBank
+from hbbatch.tracking import tensor_bank as bank_module
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.tensor_bank import ROW_PADDING, TensorBank
 from tests.tracking.drives import passing_cars
 
 GPU = torch.device("meta")

@@ -1,0 +1,1 @@
+"""What a motion filter is, whoever computes it: constants, state columns, recursions. No torch."""

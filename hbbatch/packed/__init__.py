@@ -1,0 +1,1 @@
+"""The filters' numpy twins, which step on a CPU. No torch, no files."""
