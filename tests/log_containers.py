@@ -12,6 +12,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys.store import Typestore
 
+from tests import log_schemas as schemas
+
 
 @dataclass(frozen=True)
 class Logged:
@@ -55,6 +57,41 @@ def mcap(
         return path
 
     return write
+
+
+def encoded(
+    message_encoding: str,
+    schema_encoding: str,
+    schema: Callable[[Typestore, str], bytes],
+    encode: Callable[[Typestore, str, Any], bytes],
+    rename: Callable[[str], str] = str,
+) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A bare .mcap file of no profile with messages of any encoding."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        path = path.with_suffix(".mcap")
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channels: dict[str, int] = {}
+            for message in messages:
+                if message.topic not in channels:
+                    text = schema(types, message.kind)
+                    number = writer.register_schema(rename(message.kind), schema_encoding, text)
+                    channels[message.topic] = writer.register_channel(
+                        message.topic, message_encoding, number
+                    )
+                data = encode(types, message.kind, message.content)
+                time_ns = message.log_time_ns
+                writer.add_message(channels[message.topic], time_ns, data, time_ns)
+            writer.finish()
+        return path
+
+    return write
+
+
+def _cdr(types: Typestore, kind: str, content: Any) -> bytes:
+    return bytes(types.serialize_cdr(content, kind))
 
 
 def bag(
@@ -139,8 +176,13 @@ ROS2_CONTAINERS = {
     "folder_db3_message": folder(StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
     "folder_mcap": folder(StoragePlugin.MCAP),
     "folder_mcap_file": folder(StoragePlugin.MCAP, CompressionMode.FILE),
+    "folder_mcap_message": folder(StoragePlugin.MCAP, CompressionMode.MESSAGE),
+    "folder_mcap_storage": folder(StoragePlugin.MCAP, CompressionMode.STORAGE),
     "folder_split": split,
     "bare_db3": bare_db3,
+    "mcap_idl": encoded("cdr", "ros2idl", schemas.idl, _cdr),
+    "mcap_json": encoded("json", "jsonschema", lambda *_: b"{}", schemas.json_text),
+    "mcap_json_bare": encoded("json", "", lambda *_: b"", schemas.json_text),
 }
 ROS1_CONTAINERS = {
     "bag_none": bag(None),
@@ -148,3 +190,12 @@ ROS1_CONTAINERS = {
     "bag_lz4": bag(_BAG.LZ4),
     "mcap_ros1": mcap(ros=1),
 }
+FOXGLOVE_CONTAINERS = {
+    "mcap_protobuf": encoded(
+        "protobuf", "protobuf", schemas.protobuf, schemas.protobuf_bytes, schemas.foxglove_name
+    ),
+    "mcap_foxglove_json": encoded(
+        "json", "jsonschema", lambda *_: b"{}", schemas.foxglove_json, schemas.foxglove_name
+    ),
+}
+"""How foxglove's own recorders write its types; all others hold them as ROS messages."""

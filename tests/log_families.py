@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,18 +16,6 @@ from hbbatch.sources.messages.definitions import KNOWN_DEFINITIONS
 
 FRAME_ID = "camera"
 WORLD = "map"
-_FOXGLOVE = {
-    "foxglove_msgs/msg/SceneUpdate": (
-        "foxglove_msgs/SceneEntityDeletion[] deletions\nfoxglove_msgs/SceneEntity[] entities\n"
-    ),
-    "foxglove_msgs/msg/SceneEntityDeletion": "builtin_interfaces/Time timestamp\nstring id\n",
-    "foxglove_msgs/msg/SceneEntity": (
-        "builtin_interfaces/Time timestamp\nstring frame_id\nstring id\n"
-        "foxglove_msgs/KeyValuePair[] metadata\nfoxglove_msgs/CubePrimitive[] cubes\n"
-    ),
-    "foxglove_msgs/msg/KeyValuePair": "string key\nstring value\n",
-    "foxglove_msgs/msg/CubePrimitive": "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\n",
-}
 
 
 @dataclass(frozen=True)
@@ -46,7 +33,7 @@ class LoggedFrame:
 def store(release: Stores, vision: int = 0) -> Typestore:
     """A release of ROS with all families; `vision` chooses the release of vision_msgs."""
     made = get_typestore(release)
-    texts = dict(_FOXGLOVE)
+    texts: dict[str, str] = {}
     for package, alternatives in KNOWN_DEFINITIONS.items():
         texts.update(alternatives[vision if package == "vision_msgs" else 0])
     if release == Stores.ROS1_NOETIC:
@@ -76,6 +63,8 @@ def _field(types: Typestore, field: Any, value: Any) -> Any:
         return make(types, argument, value)
     if node == Nodetype.BASE:
         empty: Any = "" if argument[0] == "string" else 0.0 if "float" in argument[0] else 0
+        if argument[0] == "float32":
+            return float(np.float32(value or 0))
         return empty if value is None else value
     inner, count = argument
     if inner[0] == Nodetype.BASE and inner[1][0] != "string":
@@ -257,6 +246,18 @@ def transforms(frame: LoggedFrame) -> dict[str, Any]:
     return {"transforms": [sample]}
 
 
+def frame_transforms(frame: LoggedFrame) -> dict[str, Any]:
+    """The same as foxglove says it."""
+    sample = {
+        "timestamp": stamp(frame.time_ns),
+        "parent_frame_id": WORLD,
+        "child_frame_id": FRAME_ID,
+        "translation": _xyz(frame.translation_m),
+        "rotation": dict(zip("xyzw", map(float, frame.rotation), strict=True)),
+    }
+    return {"transforms": [sample]}
+
+
 def odometry(frame: LoggedFrame) -> dict[str, Any]:
     rotation = dict(zip("xyzw", map(float, frame.rotation), strict=True))
     pose = {"position": _xyz(frame.translation_m), "orientation": rotation}
@@ -267,6 +268,11 @@ def odometry(frame: LoggedFrame) -> dict[str, Any]:
     }
 
 
+Transforms = tuple[str, Callable[[LoggedFrame], dict[str, Any]]]
+TF: Transforms = ("tf2_msgs/msg/TFMessage", transforms)
+FRAME_TRANSFORMS: Transforms = ("foxglove_msgs/msg/FrameTransforms", frame_transforms)
+
+
 @dataclass(frozen=True)
 class Family:
     """A message type and how frames are written in it.
@@ -274,14 +280,18 @@ class Family:
     Attributes:
         kind: the type.
         content: a frame as nested plain values.
-        scored: whether it can say a score; of 32 bits, of 8 bits (of 255) or of 64.
+        scored: bits of the scores it says: 64, 32, 8 (of 255), or 0 where it says none.
         classes: how it spells the classes, where that is not their name.
+        course: whether it says a velocity and no yaw.
+        poses: the transforms beside it: their type, and a frame in it.
     """
 
     kind: str
     content: Callable[[LoggedFrame], dict[str, Any]]
     scored: int = 64
     classes: Mapping[str, str] | None = None
+    course: bool = False
+    poses: Transforms = TF
 
 
 _AUTOWARE = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
@@ -289,7 +299,7 @@ _NUMBERS = {name: str(number) for name, number in _ROS1_IDS.items()}
 VISION = Family("vision_msgs/msg/Detection3DArray", vision)
 VISION_FOXY = Family("vision_msgs/msg/Detection3DArray", vision_foxy)
 VISION_ROS1 = Family("vision_msgs/msg/Detection3DArray", vision_ros1, classes=_NUMBERS)
-SCENE = Family("foxglove_msgs/msg/SceneUpdate", scene)
+SCENE = Family("foxglove_msgs/msg/SceneUpdate", scene, poses=FRAME_TRANSFORMS)
 FAMILIES = (
     *(
         Family(f"{package}/msg/{name}", autoware, 32)
@@ -298,13 +308,8 @@ FAMILIES = (
     ),
     Family("derived_object_msgs/msg/ObjectArray", derived, 8),
     Family("jsk_recognition_msgs/msg/BoundingBoxArray", jsk, 32, _NUMBERS),
-    Family("radar_msgs/msg/RadarTracks", radar, 0),
+    Family("radar_msgs/msg/RadarTracks", radar, 0, course=True),
     Family("visualization_msgs/msg/MarkerArray", markers, 0),
     SCENE,
 )
 """All families but vision_msgs, whose layout differs from release to release."""
-
-
-def plain_json(content: Mapping[str, Any]) -> bytes:
-    """As recorders write JSON."""
-    return json.dumps(content, default=lambda array: array.tolist()).encode()

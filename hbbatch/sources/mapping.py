@@ -31,9 +31,9 @@ from hbbatch.config import Settings, load_yaml, validate
 from hbbatch.sources.messages import DETECTION_MESSAGES, ReadDetections, normalise_type
 from hbbatch.sources.messages.base import (
     NAN,
+    NO_ROTATION,
     DetectionMessage,
     Item,
-    about_z,
     detection_message,
     stamp_ns,
     xyz,
@@ -71,16 +71,14 @@ class MessageMapping(Settings):
         return detection_message(stamp, str(_follow(message, self.frame)), items)
 
     def _item(self, thing: Any) -> Item:
-        if self.orientation is not None:
-            rotation = xyzw(_follow(thing, self.orientation))
-        else:
-            rotation = about_z(float(_follow(thing, str(self.yaw))))
+        turned = self.orientation
         return Item(
             position_m=_three(thing, self.centre),
             size_m=_three(thing, self.size),
-            rotation=rotation,
+            rotation=NO_ROTATION if turned is None else xyzw(_follow(thing, turned)),
             score=float(_follow(thing, self.score)) if self.score else NAN,
             class_name=self._class_name(thing),
+            yaw=None if self.yaw is None else float(_follow(thing, self.yaw)),
         )
 
     def _class_name(self, thing: Any) -> str:

@@ -193,7 +193,7 @@ def test_mapping_file(tmp_path: Path) -> None:
     [reading] = readings(own_log(tmp_path / "a"), mappings=(mapping,))
     [frame] = frames_of(reading)
     assert frame.timestamp_ns == SECOND
-    np.testing.assert_allclose(frame.boxes, [[5, 1, 0, 4, 2, 1.5, 0.5]] * 3)
+    np.testing.assert_array_equal(frame.boxes, [[5, 1, 0, 4, 2, 1.5, 0.5]] * 3)
     assert frame.class_names == ["car", "pedestrian", "9"]
     assert frame.scores.tolist() == [0.5] * 3
 

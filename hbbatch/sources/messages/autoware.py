@@ -9,7 +9,6 @@ import numpy as np
 from hbbatch.sources.messages.base import (
     DetectionMessage,
     Item,
-    about_z,
     detection_message,
     quaternion_yaw,
     stamp_ns,
@@ -63,7 +62,6 @@ def _item(detected: Any, pose: Any) -> Item:
     if detected.shape.type == _POLYGON and len(points):
         yaw = float(quaternion_yaw(np.array([rotation], dtype=np.float64))[0])
         position, size = _around(points, position, size[2], yaw)
-        rotation = about_z(yaw)
     label = max(detected.classification, key=lambda c: c.probability, default=None)
     return Item(
         position, size, rotation, detected.existence_probability, label_name(label and label.label)

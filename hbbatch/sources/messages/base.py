@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import isfinite, remainder, tau
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ import numpy as np
 from hbbatch.boxes import FloatArray
 
 NAN: Final = float("nan")
+NO_ROTATION: Final = (0.0, 0.0, 0.0, 0.0)
+"""The quaternion of what has none; its yaw is 0."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class Item(NamedTuple):
         score: NaN where there is none.
         class_name: as written.
         frame_id: empty where the object names no frame of its own.
+        yaw: where the message gives one; it counts, to the last bit, instead of the rotation.
     """
 
     position_m: tuple[float, float, float]
@@ -58,6 +62,7 @@ class Item(NamedTuple):
     score: float
     class_name: str
     frame_id: str = ""
+    yaw: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,10 +93,15 @@ def detection_message(
     kept = [item for item in listed if item.frame_id in {"", frame}]
     rows = [(*item.position_m, *item.size_m, *item.rotation) for item in kept]
     values = np.array(rows, dtype=np.float64).reshape(-1, 10)
+    yaws = quaternion_yaw(values[:, 6:])
+    for row, item in enumerate(kept):
+        if item.yaw is not None:
+            # Exact for what lies in [-π, π] already; what is not finite is left out later.
+            yaws[row] = remainder(item.yaw, tau) if isfinite(item.yaw) else NAN
     return DetectionMessage(
         stamp_ns=stamp,
         frame_id=frame,
-        boxes=np.column_stack([values[:, :6], quaternion_yaw(values[:, 6:])]),
+        boxes=np.column_stack([values[:, :6], yaws]),
         scores=np.array([item.score for item in kept], dtype=np.float64),
         class_names=[item.class_name for item in kept],
         foreign=len(listed) - len(kept),
@@ -117,11 +127,6 @@ def xyz(vector: Any) -> tuple[float, float, float]:
 def xyzw(quaternion: Any) -> tuple[float, float, float, float]:
     """A quaternion."""
     return (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
-
-
-def about_z(yaw: float) -> tuple[float, float, float, float]:
-    """The quaternion of a turn about z."""
-    return (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
 
 
 def quaternion_yaw(rotation: FloatArray) -> FloatArray:

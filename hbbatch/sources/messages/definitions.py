@@ -110,6 +110,58 @@ def _autoware(package: str) -> dict[str, str]:
     return {f"{package}/msg/{name}": text for name, text in definitions.items()}
 
 
+def _foxglove() -> dict[str, str]:
+    """foxglove_msgs as of 2022 on, as generated for ROS."""
+    pose, color = "geometry_msgs/Pose pose\n", "foxglove_msgs/Color color\n"
+    drawn = f"{color}foxglove_msgs/Color[] colors\nuint32[] indices\n"
+    size = "geometry_msgs/Vector3 size\n"
+    stamped = "builtin_interfaces/Time timestamp\n"
+    shapes = ["Arrow", "Cube", "Sphere", "Cylinder", "Line", "TriangleList", "Text", "Model"]
+    fields = ["arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"]
+    primitives = "".join(
+        f"foxglove_msgs/{shape}Primitive[] {field}\n"
+        for shape, field in zip(shapes, fields, strict=True)
+    )
+    definitions = {
+        "SceneUpdate": (
+            "foxglove_msgs/SceneEntityDeletion[] deletions\nfoxglove_msgs/SceneEntity[] entities\n"
+        ),
+        "SceneEntityDeletion": f"{stamped}uint8 type\nstring id\n",
+        "SceneEntity": (
+            f"{stamped}string frame_id\nstring id\nbuiltin_interfaces/Duration lifetime\n"
+            f"bool frame_locked\nfoxglove_msgs/KeyValuePair[] metadata\n{primitives}"
+        ),
+        "KeyValuePair": "string key\nstring value\n",
+        "Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n",
+        "ArrowPrimitive": (
+            f"{pose}float64 shaft_length\nfloat64 shaft_diameter\nfloat64 head_length\n"
+            f"float64 head_diameter\n{color}"
+        ),
+        "CubePrimitive": f"{pose}{size}{color}",
+        "SpherePrimitive": f"{pose}{size}{color}",
+        "CylinderPrimitive": f"{pose}{size}float64 bottom_scale\nfloat64 top_scale\n{color}",
+        "LinePrimitive": (
+            f"uint8 type\n{pose}float64 thickness\nbool scale_invariant\n"
+            f"geometry_msgs/Point[] points\n{drawn}"
+        ),
+        "TriangleListPrimitive": f"{pose}geometry_msgs/Point[] points\n{drawn}",
+        "TextPrimitive": (
+            f"{pose}bool billboard\nfloat64 font_size\nbool scale_invariant\n{color}string text\n"
+        ),
+        "ModelPrimitive": (
+            f"{pose}geometry_msgs/Vector3 scale\n{color}bool override_color\nstring url\n"
+            "string media_type\nuint8[] data\n"
+        ),
+        "FrameTransform": (
+            f"{stamped}string parent_frame_id\nstring child_frame_id\n"
+            "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
+        ),
+        "FrameTransforms": "foxglove_msgs/FrameTransform[] transforms\n",
+        "PoseInFrame": f"{stamped}string frame_id\n{pose}",
+    }
+    return {f"foxglove_msgs/msg/{name}": text for name, text in definitions.items()}
+
+
 KNOWN_DEFINITIONS: Final[dict[str, tuple[dict[str, str], ...]]] = {
     "vision_msgs": (_VISION_GALACTIC, _VISION_FOXY),
     "derived_object_msgs": (_DERIVED,),
@@ -117,5 +169,6 @@ KNOWN_DEFINITIONS: Final[dict[str, tuple[dict[str, str], ...]]] = {
     "radar_msgs": (_RADAR,),
     "autoware_perception_msgs": (_autoware("autoware_perception_msgs"),),
     "autoware_auto_perception_msgs": (_autoware("autoware_auto_perception_msgs"),),
+    "foxglove_msgs": (_foxglove(),),
 }
 """Package to its definitions, type to text; the newest release first."""

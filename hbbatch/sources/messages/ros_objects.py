@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from hbbatch.sources.messages.base import (
     NAN,
+    NO_ROTATION,
     DetectionMessage,
     Item,
-    about_z,
     detection_message,
     stamp_ns,
     xyz,
@@ -82,9 +82,10 @@ def radar_tracks(message: Any) -> DetectionMessage:
         Item(
             position_m=xyz(track.position),
             size_m=xyz(track.size),
-            rotation=about_z(_course(track.velocity)),
+            rotation=NO_ROTATION,
             score=NAN,
             class_name=_RADAR.get(track.classification, "unknown"),
+            yaw=_course(track.velocity),
         )
         for track in message.tracks
     ]
