@@ -65,6 +65,25 @@ def test_planning_a_run_needs_no_torch() -> None:
     assert python(code).strip() == "False"
 
 
+@pytest.mark.parametrize("device", ["auto", "cpu"])
+def test_tracking_on_a_cpu_needs_no_torch(tmp_path: Path, device: str) -> None:
+    """Loading it takes longer than tracking fifty sequences."""
+    make_dataset(tmp_path, "a")
+    code = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from hbbatch.config import TrackSettings\n"
+        "from hbbatch.runner import device\n"
+        "from hbbatch.runner.track import TrackRequest, track\n"
+        "device.driver_found = lambda: False\n"
+        f"request = TrackRequest(Path({str(tmp_path)!r}), TrackSettings(), device={device!r},"
+        " workers=1)\n"
+        "report = track(request)\n"
+        "print('torch' in sys.modules, report.failed, len(report.tracked))"
+    )
+    assert python(code).strip() == "False {} 1"
+
+
 def readme_commands() -> list[str]:
     return re.findall(r"^    (.+)$", README, re.MULTILINE)
 

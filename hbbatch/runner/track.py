@@ -17,6 +17,7 @@ from hbbatch.dataset.store import write_table
 from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
 from hbbatch.runner.class_names import normalised_classes
+from hbbatch.runner.device import resolved_device
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
@@ -26,7 +27,6 @@ from hbbatch.runner.worker import (
     LoadTracker,
     Order,
     Outcome,
-    check_device,
     load_tracker,
     write_status,
 )
@@ -214,7 +214,7 @@ def track(
         WeightsError: the weights are missing, damaged or of another version.
     """
     started = time.perf_counter()
-    check_device(request.device)
+    device = resolved_device(request.device)
     dataset = Dataset.open(request.dataset)
     rows = select(dataset.catalog(), request.sequence_ids)
     name = default_run_name(request.settings) if request.run is None else request.run
@@ -229,7 +229,7 @@ def track(
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)
         write_manifest(run, resolved, weights, inputs, environment)
-        order = Order(dataset, run, request.settings, request.device, engine.load_tracker)
+        order = Order(dataset, run, request.settings, device, engine.load_tracker)
         outcomes = _execute(order, plan, workers, progress or _silent)
         environment["device"] = _devices(outcomes) or request.device
         write_manifest(run, resolved, weights, inputs, environment)

@@ -13,8 +13,9 @@ from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.store import write_json, write_table
-from hbbatch.errors import HbbatchError, UsageError
+from hbbatch.errors import HbbatchError
 from hbbatch.projection import Camera
+from hbbatch.runner.device import resolved_device
 from hbbatch.runner.plan import Group, SequenceJob, bounded
 from hbbatch.runner.timing import TimingRow, timing_row
 from hbbatch.sinks.kitti import kitti_result
@@ -69,35 +70,16 @@ class Outcome:
 
 
 def load_tracker(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
-    """The tracker on a device; from here on this process computes in one thread.
+    """The tracker on a device.
 
     Raises:
         UsageError: cuda is asked for and there is none.
         WeightsError: the weights are missing, damaged or of another version.
     """
-    import torch
-
     from hbbatch.tracking.engine import Tracker
 
-    check_device(device)
-    torch.set_num_threads(1)
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    return LoadedTracker(Tracker(settings, device), device)
-
-
-def check_device(device: DeviceName) -> None:
-    """Refuse cuda where there is none.
-
-    Raises:
-        UsageError: cuda is asked for and there is none.
-    """
-    if device != "cuda":
-        return
-    import torch
-
-    if not torch.cuda.is_available():
-        raise UsageError("no CUDA device is available here. Use --device cpu or --device auto.")
+    resolved = resolved_device(device)
+    return LoadedTracker(Tracker(settings, resolved), resolved)
 
 
 def track_group(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from hbbatch.boxes import FloatArray
 from hbbatch.errors import WeightsError
@@ -16,11 +17,15 @@ from hbbatch.tracking.schedule import Schedule
 
 
 def packed_banks(file: WeightsFile) -> MakeBank:
-    """Banks of the packed filter of a weights file.
+    """Banks of the packed filter of a weights file; numpy multiplies in one thread from here on.
+
+    Products of a hundred rows gain nothing from a second thread, and lose several times over where
+    it has to wait for a core that another worker has.
 
     Raises:
         WeightsError: the file does not fit this version's filters.
     """
+    threadpool_limits(1, user_api="blas")
     header = file.header
     try:
         motion = packed_filter(header.filter, header.kinds, header.options, file.parameters())

@@ -22,11 +22,12 @@ ROW_PADDING: Final = 64
 
 
 def tensor_banks(file: WeightsFile, device: str) -> MakeBank:
-    """Banks of the filter of a weights file, on a device.
+    """Banks of the filter of a weights file, on a device; torch's host part runs in one thread.
 
     Raises:
         WeightsError: the file does not fit this version's filters.
     """
+    torch.set_num_threads(1)
     where = torch.device(device)
     motion = build_loaded(file).to(where).eval()
     return lambda plan, _kinds: TensorBank(motion, plan, where)

@@ -53,7 +53,6 @@ class Workload:
 
     def __init__(self, settings: TrackSettings) -> None:
         """Load the filter that the settings name."""
-        torch.set_num_threads(1)
         file = open_weights(settings.filter, settings.weights, settings.classes)
         self.class_names = file.class_names
         self._settings = settings

@@ -168,7 +168,7 @@ def test_classes_may_be_spelled_as_a_data_set_does(tmp_path: Path) -> None:
 def test_what_is_not_there_or_does_not_fit_is_a_usage_error(
     tmp_path: Path, arguments: tuple[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    monkeypatch.setattr("hbbatch.runner.device.driver_found", lambda: False)
     make_dataset(tmp_path, "a")
     result = hbbatch_track(tmp_path, *arguments)
     assert isinstance(result.exception, HbbatchError)

@@ -11,9 +11,8 @@ from hbbatch import schema
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import write_json
-from hbbatch.errors import UsageError
 from hbbatch.runner.plan import Group, SequenceJob
-from hbbatch.runner.worker import Order, Outcome, check_device, track_group
+from hbbatch.runner.worker import Order, Outcome, track_group
 from tests.runner.small_dataset import load_echo, make_dataset, write_sequence
 
 SETTINGS = TrackSettings()
@@ -134,13 +133,3 @@ def test_an_old_status_is_gone_before_outputs_change(tmp_path: Path) -> None:
     run.kitti("a").mkdir()
     assert outcomes(dataset, "a")["a"].error is not None
     assert not run.status("a").exists()
-
-
-def test_cuda_is_refused_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    check_device("cpu")
-    check_device("auto")
-    with pytest.raises(UsageError, match="no CUDA device"):
-        check_device("cuda")
