@@ -2,9 +2,8 @@
 
 An axis has `order` states: position, velocity (and acceleration). Its symmetric covariance is kept
 as blocks `P[i][j]`, i ≤ j. White noise drives the highest derivative (Bar-Shalom, Li and
-Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration. The
-recursions serve tensors `(n, axes)` with times `(n, 1)` and numpy arrays `(axes, n)` with times
-`(n,)` alike.
+Kirubarajan 2001, section 6.2), so one code serves constant velocity and constant acceleration.
+Blocks are tensors `(n, axes)` with times `(n, 1)`; `packed.covariance` has them in place in numpy.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ def propagate(
         powers.append(powers[-1] * dt_s)
     predicted = {}
     for i, j in pairs(order):
-        total = noise * (powers[2 * order - 2 - i - j] / _noise_divisor(order, i, j))
-        for (a, b), weight in _ancestors(order, i, j).items():
+        total = noise * (powers[2 * order - 2 - i - j] / noise_divisor(order, i, j))
+        for (a, b), weight in ancestors(order, i, j).items():
             block, lag = covariance[a, b], a + b - i - j
             total = total + (block * (weight * powers[lag - 1]) if lag else block)
         predicted[i, j] = total
@@ -45,8 +44,8 @@ def propagate(
 
 
 @cache
-def _ancestors(order: int, i: int, j: int) -> dict[tuple[int, int], float]:
-    """Which blocks a step mixes into block (i, j), and the factor of dt^(a + b - i - j)."""
+def ancestors(order: int, i: int, j: int) -> dict[tuple[int, int], float]:
+    """Which blocks (a, b) a step mixes into block (i, j): the factors of dt^(a + b - i - j)."""
     weights: dict[tuple[int, int], float] = {}
     for a in range(i, order):
         for b in range(j, order):
@@ -56,7 +55,8 @@ def _ancestors(order: int, i: int, j: int) -> dict[tuple[int, int], float]:
     return weights
 
 
-def _noise_divisor(order: int, i: int, j: int) -> int:
+def noise_divisor(order: int, i: int, j: int) -> int:
+    """What dt^(2·order - 1 - i - j) is divided by in the noise of block (i, j)."""
     return math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * (2 * order - 1 - i - j)
 
 

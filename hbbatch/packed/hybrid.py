@@ -2,185 +2,156 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from hbbatch.boxes import FloatArray
-from hbbatch.motion.columns import Columns, kalman_columns
-from hbbatch.motion.constants import (
-    AXES,
-    FEATURE_LIMIT,
-    INNOVATION_UNIT,
-    LONGEST_TIME_S,
-    RATE_UNIT,
-    SMALLEST_SIZE_M,
-)
+from hbbatch.motion.columns import Columns
+from hbbatch.motion.constants import AXES, LONGEST_TIME_S, SMALLEST_SIZE_M
 from hbbatch.motion.parameters import HybridOptions, KalmanOptions, Parameters, part
-from hbbatch.motion.turns import turn
-from hbbatch.packed.kalman import (
-    DETECTION,
+from hbbatch.packed.arrays import (
+    MOTION,
+    PLAN,
+    SIZE,
+    YAW_ROW,
+    Heading,
     IntArray,
-    PackedInnovation,
-    PackedKalman,
     Single,
+    difference,
+)
+from hbbatch.packed.features import predict_features, shared_rows, update_features
+from hbbatch.packed.kalman import (
+    BOX_VARIANCE,
+    DETECTION,
+    TIMES,
+    PackedKalman,
     by_kind,
-    move,
-    wrap_half_turn,
+    kalman_rows,
 )
 from hbbatch.packed.network import PackedGain, PackedResidual
 
-_CENTRE_AND_YAW = [0, 1, 2, 6]
+_FROM_SENSOR: Final = slice(DETECTION["range"].start, DETECTION["ahead"].stop)
 
 
 class PackedHybrid:
     """`model.hybrid.HybridFilter`, packed.
 
-    State: the base's, then the module's other columns, then its kind.
+    State: first what the networks see, laid out as they see it (`packed.features`), then the rest.
+    Features are kept as they are; units are in the weights.
     """
 
     def __init__(self, parameters: Parameters, kinds: int, options: HybridOptions) -> None:
         """Parameters of the shapes that the options ask for."""
-        base = part(parameters, "base")
-        self._base = PackedKalman(base, KalmanOptions(options.motion_model))
-        columns = kalman_columns(options.motion_model)
-        self._velocity = columns["velocity"]
-        covariance = columns["covariance"].start
-        self._spread = slice(covariance, covariance + AXES)
-        self._kind_rows = np.eye(kinds, dtype=np.float32)
-        self._memory = options.memory
-        self._columns = Columns(
+        before, after = predict_features(kinds, options), update_features(kinds, options)
+        base = kalman_rows(options.motion_model)
+        self._rows = Columns(
             {
-                "base": self._base.height,
-                "log_noise": AXES,
-                "kind": kinds,
-                "memory": self._memory,
+                **shared_rows(kinds, options),
+                "tenths": 1,
+                "velocity": base.pop("velocity"),
                 "history": 7 * options.history,
-                "correction": 7,
-                "process": AXES,
+                **base,
+                "q": AXES,
                 "counters": 2,
-                "dt_s": 1,
+                "inverse_dt": 1,
             }
         )
-        self.height = self._columns.width
-        self._log_q = by_kind(base["log_q"])
-        self._residual = PackedResidual(part(parameters, "residual"))
-        self._gain = PackedGain(part(parameters, "gain"))
-        self._rate_unit = _column(RATE_UNIT)
-        self._innovation_unit = _column(INNOVATION_UNIT)
+        self.height = self._rows.width
+        model = KalmanOptions(options.motion_model)
+        self._base = PackedKalman(part(parameters, "base"), model, self._rows)
+        self._kind_rows = np.eye(kinds, dtype=np.float32)
+        self._q = np.exp(by_kind(parameters["base.log_q"]))
+        self._residual = PackedResidual(part(parameters, "residual"), before)
+        self._gain = PackedGain(part(parameters, "gain"), after)
+        self._before, self._after = before, after
+        self._entries = 1 + options.history
+
+    def times(self, dt_s: Single) -> Single:
+        """See `PackedFilter.times`."""
+        return self._base.times(dt_s)
 
     def detections(self, sight_m: FloatArray, kinds: IntArray) -> Single:
         """See `PackedFilter.detections`."""
         return self._base.detections(sight_m, kinds)
 
-    def birth(self, seen: Single, kinds: IntArray) -> Single:
+    def birth(self, boxes: FloatArray, seen: Single, kinds: IntArray) -> Single:
         """See `PackedFilter.birth`; the memory starts empty."""
-        state = np.zeros((self.height, len(kinds)), np.float32)
-        state[self._columns["base"]] = self._base.birth(seen, kinds)
-        state[self._columns["log_noise"]] = self._log_q[:, kinds]
-        state[self._columns["kind"]] = self._kind_rows[:, kinds]
+        rows = self._rows
+        state = self._base.birth(boxes, seen, kinds)
+        state[rows["one"]] = 1.0
+        state[rows["kind"]] = self._kind_rows[:, kinds]
+        state[rows["q"]] = self._q[:, kinds]
+        state[rows["log_size"]] = np.log(np.maximum(boxes[SIZE], SMALLEST_SIZE_M))
         return state
 
-    def predict(self, boxes: FloatArray, state: Single, dt_s: Single) -> FloatArray:
+    def predict(self, boxes: FloatArray, state: Single, times: Single) -> FloatArray:
         """See `PackedFilter.predict`."""
-        column = self._columns
-        heading = boxes[6].astype(np.float32)
-        cos, sin = np.cos(heading), np.sin(heading)
-        step = self._residual(self._predict_features(boxes, state, dt_s, cos, sin)) * dt_s
-        noise = np.exp(state[column["log_noise"]] + state[column["process"]])
-        prior = self._base.predict_with(boxes, state[column["base"]], dt_s, noise)
-        move(prior, step[_CENTRE_AND_YAW], step[3:6], cos, sin)
-        history = state[column["history"]]
-        history[7:] = history[:-7].copy()
-        history[:7] = (prior - boxes) / dt_s
-        state[column["counters"]] += dt_s
-        state[column["dt_s"]] = dt_s
+        rows = self._rows
+        heading = Heading.of(boxes[YAW_ROW])
+        state[rows["tenths"]] = times[TIMES.tenths]
+        rate = self._residual(self._predict_features(state, heading))
+        heading.turn(rate[PLAN])
+        rate[MOTION] += self._base.advance(state, times)
+        history = state[rows["history"]]
+        history[7:] = history[:-7]
+        history[:7] = rate
+        prior: FloatArray = boxes + rate * times[TIMES.dt_s]
+        np.maximum(prior[SIZE], SMALLEST_SIZE_M, out=prior[SIZE])
+        np.log(prior[SIZE], out=state[rows["log_size"]], casting="same_kind")
+        counters, elapsed = state[rows["counters"]], state[rows["elapsed"]]
+        counters += times[TIMES.tenths]
+        np.minimum(counters, 10.0 * LONGEST_TIME_S, out=elapsed)
+        np.log1p(elapsed, out=elapsed)
+        state[rows["inverse_dt"]] = times[TIMES.inverse]
         return prior
 
-    def _predict_features(
-        self, boxes: FloatArray, state: Single, dt_s: Single, cos: Single, sin: Single
-    ) -> Single:
-        column = self._columns
-        features = np.empty((self._residual.inputs, len(dt_s)), np.float32)
-        memory, rest = np.split(features, [self._memory])
-        memory[:] = state[column["memory"]]
-        history = state[column["history"]]
-        rates = rest[: len(history)].reshape(-1, 7, len(dt_s))
-        rates[:] = history.reshape(rates.shape)
-        rates[:, 0], rates[:, 1] = turn(rates[:, 0], rates[:, 1], cos, -sin)
-        rates /= self._rate_unit
-        rest = rest[len(history) :]
-        np.divide(state[column["correction"]], self._innovation_unit, out=rest[:7])
-        velocity = state[self._velocity]
-        rest[7], rest[8] = turn(velocity[0], velocity[1], cos, -sin)
-        rest[9:11] = velocity[2:]
-        rest[7:11] /= self._rate_unit[_CENTRE_AND_YAW]
-        rest[11:13] = _counters(state[column["counters"]])
-        rest[13] = dt_s * 10.0
-        rest[14:17] = _log_size(boxes)
-        rest[17:-1] = state[column["kind"]]
-        rest[-1] = 1.0
-        _limit(features[self._memory :])
-        return features
+    def _predict_features(self, state: Single, heading: Heading) -> Single:
+        """Velocity and history in the heading frame, all else as it is."""
+        rows = self._rows
+        features = state[: rows["history"].stop].copy()
+        # Elapsed and tenths are as many rows as a size, so velocity is laid out like a rate.
+        rates = features[rows["elapsed"].start :].reshape(self._entries, 7, state.shape[1])
+        heading.turn_back(rates[:, PLAN])
+        return self._before.limited(features)
 
     def update(self, boxes: FloatArray, state: Single, measured: FloatArray, seen: Single) -> None:
         """See `PackedFilter.update`."""
-        column = self._columns
-        new = PackedInnovation(boxes, measured)
-        prior = boxes.copy()
-        inputs = self._update_inputs(boxes, state, new, seen)
-        state[column["memory"]], said = self._gain(inputs)
-        state[column["process"]] = said[:AXES]
-        variance = seen[DETECTION["variance"]] * np.exp(said[AXES:])
-        self._base.update_with(boxes, state[column["base"]], new, variance, seen)
-        correction = (boxes - prior).astype(np.float32)
-        correction[6] = wrap_half_turn(correction[6])
-        state[column["history"]][:7] += correction / state[column["dt_s"]]
-        correction[0], correction[1] = turn(correction[0], correction[1], new.cos, -new.sin)
-        state[column["correction"]] = correction
-        state[column["counters"].start] = 0.0
+        rows = self._rows
+        heading = Heading.of(boxes[YAW_ROW])
+        apart, flipped = difference(measured, boxes)
+        features, innovation = self._update_features(state, apart, seen, heading)
+        memory, factors = self._gain(features)
+        state[rows["memory"]] = memory
+        np.multiply(state[rows["q"]], factors[:AXES], out=state[rows["noise"]])
+        variance = seen[BOX_VARIANCE].copy()
+        variance[MOTION] *= factors[AXES:]
+        change = self._base.correct(state, innovation, variance)
+        state[rows["correction"]] = change[:7]
+        self._base.apply(boxes, state, change, heading)
+        self._base.settle_heading(boxes, state, flipped)
+        state[rows["history"]][:7] += change[:7] * state[rows["inverse_dt"]]
+        np.log(boxes[SIZE], out=state[rows["log_size"]], casting="same_kind")
+        state[rows["counters"].start] = 0.0
+        state[rows["elapsed"].start] = 0.0
 
-    def _update_inputs(
-        self, prior: FloatArray, state: Single, new: PackedInnovation, seen: Single
-    ) -> Single:
-        """Memory, a row of ones, features."""
-        column = self._columns
-        inputs = np.empty((self._gain.inputs, prior.shape[1]), np.float32)
-        inputs[: self._memory] = state[column["memory"]]
-        inputs[self._memory] = 1.0
-        features = inputs[self._memory + 1 :]
-        features[:AXES] = new.motion
-        features[AXES:7] = new.size
-        features[7:14] = state[column["correction"]]
-        both = features[:14].reshape(2, 7, -1)
-        both /= self._innovation_unit
-        np.multiply(np.log(state[self._spread]), 0.25, out=features[14:18])
-        features[18:20] = _counters(state[column["counters"]])
-        ahead = seen[DETECTION["ahead"]]
-        features[20], features[21] = turn(ahead[0], ahead[1], new.cos, -new.sin)
-        features[22:24] = seen[DETECTION["range"]]
-        features[24:27] = _log_size(prior)
-        features[27:] = state[column["kind"]]
-        _limit(features)
-        return inputs
+    def _update_features(
+        self, state: Single, apart: FloatArray, seen: Single, heading: Heading
+    ) -> tuple[Single, Single]:
+        """What the gain network sees; and the innovation beyond its limits."""
+        after, shared = self._after.rows, self._rows["elapsed"].stop
+        features = np.empty((after.width, apart.shape[1]), np.float32)
+        features[:shared] = state[:shared]
+        features[after["innovation"]] = apart
+        features[after["from_sensor"]] = seen[_FROM_SENSOR]
+        # The innovation's plan lies six rows before the direction from the sensor.
+        both = features[shared : shared + 12].reshape(2, 6, apart.shape[1])
+        heading.turn_back(both[:, PLAN])
+        spread = self._rows["covariance"].start
+        np.log(state[spread : spread + AXES], out=features[after["log_spread"]])
+        innovation = features[after["innovation"]].copy()
+        return self._after.limited(features), innovation
 
     def velocity(self, state: Single) -> Single:
         """See `PackedFilter.velocity`."""
-        return state[self._velocity][:3]
-
-
-def _limit(features: Single) -> None:
-    np.clip(features, -FEATURE_LIMIT, FEATURE_LIMIT, out=features)
-
-
-def _log_size(boxes: FloatArray) -> Single:
-    size: Single = np.log(np.maximum(boxes[3:6], SMALLEST_SIZE_M)).astype(np.float32)
-    return size
-
-
-def _counters(seconds: Single) -> Single:
-    counters: Single = np.log1p(10.0 * np.minimum(seconds, LONGEST_TIME_S))
-    counters *= 0.5
-    return counters
-
-
-def _column(values: tuple[float, ...]) -> Single:
-    return np.array(values, np.float32)[:, None]
+        return self._base.velocity(state)

@@ -6,23 +6,26 @@ import numpy as np
 
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
 from hbbatch.motion.parameters import Parameters
-from hbbatch.packed.kalman import Single
+from hbbatch.packed.arrays import PACKED, Single
+from hbbatch.packed.features import Features
 
 
 class PackedResidual:
     """`ResidualPredictor` as three matrices; a row of ones in each input carries the biases."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        """Parameters by their names in the module."""
-        self._encoder = _with_ones(_affine(parameters, "encoder"))
-        self._heads_in = _with_ones(_affine(parameters, "heads_in"))
+    def __init__(self, parameters: Parameters, features: Features) -> None:
+        """Parameters by their names in the module, and what its input looks like here."""
+        encoder = features.layer(parameters["encoder.weight"], parameters["encoder.bias"])
+        one = features.rows["one"].start
+        self._encoder = _with_ones(encoder, one)
+        heads_in = _affine(parameters, "heads_in")
+        self._heads_in = _with_ones(heads_in, heads_in.shape[1] - 1)
         heads = [_affine(parameters, f"heads_out.{name}") for name in HEADS]
         unit = np.array(RESIDUAL_UNIT, np.float32)[:, None]
-        self._heads_out = _beside_another(heads) * unit
-        self.inputs = self._encoder.shape[1]
+        self._heads_out = (_beside_another(heads) * unit)[PACKED]
 
     def __call__(self, features: Single) -> Single:
-        """Rates `(7, n)`; the last row of features is ones."""
+        """Rates `(7, n)` of packed boxes."""
         encoded = _rectified(np.matmul(self._encoder, features))
         said = _rectified(np.matmul(self._heads_in, encoded))
         rates: Single = np.matmul(self._heads_out, said)
@@ -32,44 +35,45 @@ class PackedResidual:
 class PackedGain:
     """`GainNetwork` with the gates' matrices side by side."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        """Parameters by their names in the module."""
+    def __init__(self, parameters: Parameters, features: Features) -> None:
+        """Parameters by their names in the module, and what its input looks like here."""
         given, kept = parameters["recurrent.weight_ih"], parameters["recurrent.weight_hh"]
-        given_bias = parameters["recurrent.bias_ih"][:, None]
-        kept_bias = parameters["recurrent.bias_hh"][:, None]
+        given_bias, kept_bias = parameters["recurrent.bias_ih"], parameters["recurrent.bias_hh"]
         self._memory = kept.shape[1]
         gates, rest = slice(0, 2 * self._memory), slice(2 * self._memory, None)
+        both = features.layer(np.hstack([kept, given]), given_bias + kept_bias)
         # The sign is that of 1 / (1 + exp(-x)).
-        self._gates = -np.hstack([kept, given_bias + kept_bias, given])[gates]
-        self._candidate = np.hstack([given_bias, given])[rest].copy()
-        self._kept = np.hstack([kept, kept_bias])[rest].copy()
+        self._gates = -both[gates]
+        forgetful = features.layer(np.hstack([np.zeros_like(kept), given]), given_bias)
+        self._candidate = forgetful[rest, self._memory :].copy()
+        self._kept = np.hstack([kept, kept_bias[:, None]])[rest].copy()
         self._read_out = _affine(parameters, "read_out") / np.float32(LARGEST_SAID)
-        self.inputs = self._gates.shape[1]
 
-    def __call__(self, inputs: Single) -> tuple[Single, Single]:
-        """New memory, and log factors `(8, n)` of process and measurement noise.
+    def __call__(self, features: Single) -> tuple[Single, Single]:
+        """New memory, and factors `(8, n)` of process and measurement noise.
 
         Args:
-            inputs: memory, a row of ones, features; the memory is replaced in place.
+            features: the memory is replaced in place.
         """
-        memory = inputs[: self._memory]
-        gates = np.matmul(self._gates, inputs)
+        memory, with_one = features[: self._memory], features[: self._memory + 1]
+        gates = np.matmul(self._gates, features)
         np.exp(gates, out=gates)
         gates += 1.0
         np.reciprocal(gates, out=gates)
         reset, keep = gates[: self._memory], gates[self._memory :]
-        remembered = np.matmul(self._kept, inputs[: self._memory + 1])
+        remembered = np.matmul(self._kept, with_one)
         remembered *= reset
-        candidate = np.matmul(self._candidate, inputs[self._memory :])
+        candidate = np.matmul(self._candidate, features[self._memory :])
         candidate += remembered
         np.tanh(candidate, out=candidate)
         memory -= candidate
         memory *= keep
         memory += candidate
-        said = np.matmul(self._read_out, inputs[: self._memory + 1])
-        np.tanh(said, out=said)
-        said *= LARGEST_SAID
-        return memory, said
+        factors = np.matmul(self._read_out, with_one)
+        np.tanh(factors, out=factors)
+        factors *= LARGEST_SAID
+        np.exp(factors, out=factors)
+        return memory, factors
 
 
 def _rectified(outputs: Single) -> Single:
@@ -82,10 +86,10 @@ def _affine(parameters: Parameters, layer: str) -> Single:
     return np.hstack([parameters[f"{layer}.weight"], parameters[f"{layer}.bias"][:, None]])
 
 
-def _with_ones(layer: Single) -> Single:
-    """A layer whose last output is one, given inputs whose last row is ones."""
+def _with_ones(layer: Single, one: int) -> Single:
+    """A layer with one more output, which is one where row `one` of the input is."""
     ones = np.zeros_like(layer[:1])
-    ones[0, -1] = 1.0
+    ones[0, one] = 1.0
     return np.concatenate([layer, ones])
 
 

@@ -23,8 +23,8 @@ Said = tuple[FloatArray, NDArray[np.floating]]
 class FilterBank(Protocol):
     """What a lock step needs of a filter and its rows."""
 
-    def predict(self, dt_s: NDArray[np.float32], damping: FloatArray | None) -> FloatArray:
-        """Take all rows `dt_s` `(n,)` seconds on; their prior boxes `(n, 7)`.
+    def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
+        """Take each row on to a frame `(n,)` of the group; their prior boxes `(n, 7)`.
 
         With `damping` `(n,)` given, centres move by that share of the predicted step.
         """

@@ -48,7 +48,7 @@ class LockStep:
         self._next_id = np.ones(sequences, np.int64)
         self._work = np.zeros(sequences)
         self._clock = StageSeconds()
-        self._dt = _interval_table(plan)
+        self._frame_at_start = plan.first_frame - plan.first_step
         self._kinds = kind_of_class[plan.class_codes]
         self._block = plan.sequence * (kind_of_class.max(initial=0) + 1) + self._kinds
         steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
@@ -90,7 +90,7 @@ class LockStep:
         damping = None
         if self._settings.damping.enabled:
             damping = scaling_factor(rows.age + 1, rows.misses, self._settings)
-        return self._bank.predict(self._dt[step, rows.sequence], damping)
+        return self._bank.predict(self._frame_at_start[rows.sequence] + step, damping)
 
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
         """Matched (row, detection number of the group), rows ascending."""
@@ -190,11 +190,3 @@ def scaling_factor(age: IntArray, misses: IntArray, settings: TrackSettings) -> 
     coasting = patience * (damping.maximum - damping.minimum) + damping.minimum
     factor: FloatArray = np.where(misses > 0, ramp * coasting, ramp)
     return np.where(misses >= settings.management.max_misses, damping.minimum, factor)
-
-
-def _interval_table(plan: Schedule) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """`(steps, sequences)` seconds since the previous frame of each sequence."""
-    table = np.zeros((plan.steps, len(plan.dt_s)), np.float32)
-    for number, (first, dt) in enumerate(zip(plan.first_step, plan.dt_s, strict=True)):
-        table[first : first + len(dt), number] = dt
-    return table

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from hbbatch.boxes import FloatArray
 from hbbatch.errors import WeightsError
 from hbbatch.model.weights_files import WeightsFile
+from hbbatch.packed.arrays import CENTRE, PACKED, Single
 from hbbatch.packed.filters import packed_filter
-from hbbatch.packed.kalman import PackedFilter, Single
+from hbbatch.packed.kalman import PackedFilter
 from hbbatch.tracking.bank import MakeBank, Said
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
@@ -46,19 +46,22 @@ class PackedBank:
             kinds: `(n,)` kind code of each detection.
         """
         self._motion = motion
-        self._measured = np.ascontiguousarray(plan.boxes.T)
+        self._measured = np.ascontiguousarray(plan.boxes.T[PACKED])
+        self._times = motion.times(plan.dt_s)
         self._seen = motion.detections(plan.sight_m, kinds)
         self._boxes: FloatArray = np.empty((7, 0))
         self._state: Single = np.empty((motion.height, 0), np.float32)
         self._said: list[tuple[FloatArray, Single]] = []
 
-    def predict(self, dt_s: NDArray[np.float32], damping: FloatArray | None) -> FloatArray:
+    def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
         """See `FilterBank.predict`."""
-        prior = self._motion.predict(self._boxes, self._state, dt_s)
+        times = self._times.take(frames, axis=1)
+        prior = self._motion.predict(self._boxes, self._state, times)
         if damping is not None:
-            prior[:3] = self._boxes[:3] + damping * (prior[:3] - self._boxes[:3])
+            prior[CENTRE] = self._boxes[CENTRE] + damping * (prior[CENTRE] - self._boxes[CENTRE])
         self._boxes = prior
-        return prior.T
+        boxes: FloatArray = prior[PACKED].T
+        return boxes
 
     def arrange(self, order: IntArray) -> None:
         """See `FilterBank.arrange`."""
@@ -78,8 +81,9 @@ class PackedBank:
 
     def append(self, detections: IntArray, kinds: IntArray) -> None:
         """See `FilterBank.append`."""
-        born = self._motion.birth(self._seen[:, detections], kinds)
-        self._boxes = np.concatenate([self._boxes, self._measured[:, detections]], axis=1)
+        boxes = self._measured[:, detections]
+        born = self._motion.birth(boxes, self._seen[:, detections], kinds)
+        self._boxes = np.concatenate([self._boxes, boxes], axis=1)
         self._state = np.concatenate([self._state, born], axis=1)
 
     def say(self, rows: IntArray | slice) -> None:
@@ -91,4 +95,4 @@ class PackedBank:
         """See `FilterBank.said`."""
         boxes, velocity = (np.concatenate(part, axis=1) for part in zip(*self._said, strict=True))
         self._said.clear()
-        return boxes, velocity
+        return boxes[PACKED], velocity

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray, SequenceFrames
@@ -30,7 +31,9 @@ class Schedule:
 
     Attributes:
         first_step: `(sequences,)` step at which each sequence's frame 0 is processed.
-        dt_s: `(sequences,)` arrays of time since the previous frame, the first entry unused.
+        first_frame: `(sequences,)` number of each sequence's frame 0 among all of the group.
+        dt_s: `(frames,)` float32 time since the previous frame, sequence after sequence; the
+            first one of a sequence is not used.
         offsets: `(steps + 1,)` first detection of each step.
         sequence: `(n,)` sequence number of each detection, detections sorted by step.
         row: `(n,)` row of each detection in its own `SequenceFrames`.
@@ -40,7 +43,8 @@ class Schedule:
     """
 
     first_step: IntArray
-    dt_s: list[FloatArray]
+    first_frame: IntArray
+    dt_s: NDArray[np.float32]
     offsets: IntArray
     sequence: IntArray
     row: IntArray
@@ -70,7 +74,8 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
     By default their number is chosen by `lane_count`.
     """
     lanes = lane_count(group) if lanes is None else lanes
-    first_step = _first_steps([frames.frame_count for frames in group], lanes)
+    frame_counts = [frames.frame_count for frames in group]
+    first_step = _first_steps(frame_counts, lanes)
     last_step = [
         int(first) + frames.frame_count - 1 for first, frames in zip(first_step, group, strict=True)
     ]
@@ -90,7 +95,8 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
     order = np.argsort(step_of, kind="stable")
     return Schedule(
         first_step=first_step,
-        dt_s=[intervals(frames) for frames in group],
+        first_frame=np.cumsum(frame_counts, dtype=np.int64) - frame_counts,
+        dt_s=np.concatenate([intervals(frames) for frames in group]).astype(np.float32),
         offsets=np.searchsorted(step_of[order], np.arange(steps + 1)),
         sequence=sequence[order],
         row=row[order],

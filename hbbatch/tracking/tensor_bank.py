@@ -45,6 +45,7 @@ class TensorBank:
         """Stage the detections of a group on the device."""
         self._motion = motion
         self._device = device
+        self._dt_s = plan.dt_s
         self._measured = Measurement(
             to_device(plan.boxes, device),
             to_device(plan.sight_m.astype(np.float32), device),
@@ -56,9 +57,9 @@ class TensorBank:
         self._said: list[tuple[Tensor, Tensor]] = []
 
     @torch.inference_mode()
-    def predict(self, dt_s: NDArray[np.float32], damping: FloatArray | None) -> FloatArray:
+    def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
         """See `FilterBank.predict`."""
-        dt = to_device(_padded(dt_s), self._device)
+        dt = to_device(_padded(self._dt_s[frames]), self._device)
         prior, self._state = self._motion.predict(self._boxes, self._state, dt)
         if damping is not None:
             share = to_device(_padded(damping), self._device)[:, None]

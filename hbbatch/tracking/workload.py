@@ -115,9 +115,9 @@ class _Counting:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bank, name)
 
-    def predict(self, dt_s: Any, damping: Any) -> Any:
-        self.predicted += len(dt_s)
-        return self._bank.predict(dt_s, damping)
+    def predict(self, frames: Any, damping: Any) -> Any:
+        self.predicted += len(frames)
+        return self._bank.predict(frames, damping)
 
     def update(self, detections: Any) -> None:
         self.updated += len(detections)

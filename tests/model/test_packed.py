@@ -14,6 +14,7 @@ from torch import nn
 from hbbatch.model.filters import Measurement
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter, MotionModel
+from hbbatch.packed.arrays import PACKED
 from tests.model.twins import packed
 
 KINDS = ("vehicle", "pedestrian", "cyclist")
@@ -56,25 +57,26 @@ def test_a_packed_filter_steps_like_its_module(make: type[nn.Module], model: Mot
     kinds = rng.integers(0, 3, TRACKS)
     seen = detections(rng)
     boxes, rows = seen.boxes, motion.birth(seen, torch.from_numpy(kinds))
-    packed_boxes = boxes.numpy().T.copy()
-    state = twin.birth(twin.detections(seen.sight_m.numpy(), kinds), kinds)
+    packed_boxes = boxes.numpy().T[PACKED]
+    features = twin.detections(seen.sight_m.numpy(), kinds)
+    state = twin.birth(packed_boxes, features, kinds)
     for step in range(6):
         dt = rng.uniform(0.05, 0.3, TRACKS).astype(np.float32)
         boxes, rows = motion.predict(boxes, rows, torch.from_numpy(dt))
-        packed_boxes = twin.predict(packed_boxes, state, dt)
+        packed_boxes = twin.predict(packed_boxes, state, twin.times(dt))
         assert_same(boxes, packed_boxes)
         if step == 3:  # a step without detections
             continue
         seen = detections(rng, boxes.numpy())
         boxes, rows = motion.update(boxes, rows, seen)
         features = twin.detections(seen.sight_m.numpy(), kinds)
-        twin.update(packed_boxes, state, seen.boxes.numpy().T, features)
+        twin.update(packed_boxes, state, seen.boxes.numpy().T[PACKED], features)
         assert_same(boxes, packed_boxes)
         velocity = motion.velocity(rows).numpy().T
         assert twin.velocity(state) == pytest.approx(velocity, abs=TOLERANCE, rel=TOLERANCE)
 
 
 def assert_same(boxes: torch.Tensor, packed_boxes: np.ndarray) -> None:
-    difference = boxes.numpy() - packed_boxes.T
+    difference = boxes.numpy() - packed_boxes[PACKED].T
     difference[:, 6] = np.sin(difference[:, 6] / 2)
     assert np.abs(difference).max() < TOLERANCE
