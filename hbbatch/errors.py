@@ -16,8 +16,14 @@ Exit status 3 (finished, with data lost) is no error but an outcome: see `ExitSt
 
 from __future__ import annotations
 
+import os
+import traceback
 from collections.abc import Iterable
 from enum import IntEnum
+from typing import Final
+
+TRACEBACK_VARIABLE: Final = "HBBATCH_TRACEBACK"
+"""Set by `hbbatch --traceback`, and by the environment of worker processes."""
 
 
 class ExitStatus(IntEnum):
@@ -71,6 +77,14 @@ class WeightsError(HbbatchError):
 
 class MissingExtraError(HbbatchError):
     """An optional dependency is needed and not installed."""
+
+
+def report_defect(error: Exception) -> str:
+    """What to say of an error not raised on purpose; its traceback is printed if asked for."""
+    if os.environ.get(TRACEBACK_VARIABLE):
+        traceback.print_exception(error)
+    hint = "This is a defect of hbbatch; `hbbatch --traceback ...` shows where."
+    return f"{type(error).__name__}: {error}. {hint}"
 
 
 def status_of(errors: Iterable[HbbatchError]) -> ExitStatus:

@@ -23,9 +23,7 @@ from hbbatch.cli.study import study
 from hbbatch.cli.track import track
 from hbbatch.cli.train import train
 from hbbatch.cli.weights import app as weights_app
-from hbbatch.errors import ExitStatus, HbbatchError
-
-_TRACEBACK = "HBBATCH_TRACEBACK"
+from hbbatch.errors import TRACEBACK_VARIABLE, ExitStatus, HbbatchError, report_defect
 
 app = typer.Typer(
     name="hbbatch",
@@ -64,12 +62,14 @@ def _root(
     traceback: Annotated[
         bool,
         typer.Option(
-            "--traceback", envvar=_TRACEBACK, help="Show where an unexpected error came from."
+            "--traceback",
+            envvar=TRACEBACK_VARIABLE,
+            help="Show where an unexpected error came from.",
         ),
     ] = False,
 ) -> None:
     if traceback:
-        os.environ[_TRACEBACK] = "1"
+        os.environ[TRACEBACK_VARIABLE] = "1"
 
 
 def main() -> None:
@@ -81,11 +81,8 @@ def main() -> None:
         app()
     except HbbatchError as error:
         _fail(str(error), error.exit_status)
-    except Exception as error:
-        if os.environ.get(_TRACEBACK):
-            raise
-        hint = "This is a defect of hbbatch; `hbbatch --traceback ...` shows where."
-        _fail(f"{type(error).__name__}: {error}. {hint}", ExitStatus.FAILED)
+    except Exception as error:  # noqa: BLE001 - the user is told of a defect in one line
+        _fail(report_defect(error), ExitStatus.FAILED)
 
 
 def _fail(message: str, status: int) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hbbatch.errors import ExitStatus, SourceError, status_of
-from hbbatch.sources.base import Description, Source, SourceOptions, source_errors
-from hbbatch.sources.detect import open_sources
+from hbbatch.runner.opened import open_all
+from hbbatch.sources.base import Description, SourceOptions
 
 
 @dataclass
@@ -44,24 +44,11 @@ def describe_sources(paths: Sequence[Path], options: SourceOptions) -> InfoRepor
     """Describe logs and folders, walked as ingest does.
 
     Raises:
-        UsageError: an option names a file or release that cannot be used.
+        UsageError: an option names a file or release that cannot be used, or is of no use.
     """
-    report = InfoReport()
-    for source in _opened(paths, options, report):
-        try:
-            with source_errors(source.path):
-                report.descriptions.append(source.describe())
-        except SourceError as error:
-            report.errors.append(error)
-    return report
-
-
-def _opened(paths: Sequence[Path], options: SourceOptions, report: InfoReport) -> Iterator[Source]:
-    for path in paths:
-        try:
-            yield from open_sources(path, options)
-        except SourceError as error:
-            report.errors.append(error)
+    opened = open_all(paths, options)
+    described = [opened.ask(source.path, source.describe) for source in opened.sources]
+    return InfoReport([d for d in described if d is not None], opened.errors)
 
 
 def _plain(description: Description) -> dict[str, Any]:

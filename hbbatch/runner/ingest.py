@@ -6,13 +6,14 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from hbbatch.dataset import Dataset
-from hbbatch.errors import ExitStatus, SourceError, status_of
-from hbbatch.runner.ingest_catalog import former_rows, put_rows
+from hbbatch.errors import ExitStatus, HbbatchError, SourceError, status_of
+from hbbatch.runner.ingest_catalog import CatalogRows, NamesInUse, put_rows
 from hbbatch.runner.ingest_task import (
     Brought,
     IngestStatus,
@@ -20,9 +21,9 @@ from hbbatch.runner.ingest_task import (
     SequenceOutcome,
     bring_up_to_date,
 )
-from hbbatch.sources.base import SequenceHandle, Source, SourceOptions, source_errors
+from hbbatch.runner.opened import open_all
+from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
 from hbbatch.sources.classes import load_taxonomy
-from hbbatch.sources.detect import open_sources
 
 __all__ = ["IngestReport", "IngestStatus", "SequenceOutcome", "ingest"]
 
@@ -101,12 +102,19 @@ def ingest(
 
     Raises:
         DatasetError: the dataset cannot be written, or was written by a newer version.
-        UsageError: an option names a file or release that cannot be used.
+        UsageError: an option names a file or release that cannot be used, or is of no use.
+        HbbatchError: a worker process ended before its time.
     """
     started = time.perf_counter()
     report = IngestReport(dataset_root)
     load_taxonomy(options.classes)
-    found = list(_sequences(sources, options, report))
+    opened = open_all(sources, options)
+    found = [
+        (source, handle)
+        for source in opened.sources
+        for handle in opened.ask(source.path, source.sequences) or ()
+    ]
+    report.source_errors = opened.errors
     if found:
         dataset = Dataset.create(dataset_root)
         tasks = _tasks(dataset, found, options, force)
@@ -123,67 +131,38 @@ def ingest(
     return report
 
 
-def _sequences(
-    paths: Sequence[Path], options: SourceOptions, report: IngestReport
-) -> Iterator[tuple[Source, SequenceHandle]]:
-    """All sequences of all sources; a source that cannot be read is an entry in the report."""
-    for path in paths:
-        try:
-            opened = open_sources(path, options)
-        except SourceError as error:
-            report.source_errors.append(error)
-            continue
-        for source in opened:
-            try:
-                with source_errors(source.path):
-                    handles = source.sequences()
-            except SourceError as error:
-                report.source_errors.append(error)
-                continue
-            yield from ((source, handle) for handle in handles)
-
-
 def _tasks(
     dataset: Dataset,
     found: Sequence[tuple[Source, SequenceHandle]],
     options: SourceOptions,
     force: bool,
 ) -> list[IngestTask]:
-    rows = dataset.catalog().to_pylist()
-    owners: dict[str, Path] = {}
-    tasks = []
-    for source, handle in found:
-        path = source.path.resolve()
-        name = handle.sequence_id
-        owner = owners.setdefault(name, path)
-        tasks.append(
-            IngestTask(
-                dataset=dataset,
-                source=source.path,
-                source_format=source.format_name,
-                handle=handle,
-                former=former_rows(rows, name, path),
-                classes=options.classes,
-                force=force,
-                taken_by=owner if owner != path else None,
-            )
+    rows = CatalogRows(dataset.catalog().to_pylist())
+    names = NamesInUse(rows, [(handle.sequence_id, source.path) for source, handle in found])
+    return [
+        IngestTask(
+            dataset=dataset,
+            source=source.path,
+            source_format=source.format_name,
+            handle=handle,
+            former=rows.of(handle.sequence_id, source.path),
+            rivals=names.rivals(number),
+            classes=options.classes,
+            force=force,
         )
-    return tasks
+        for number, (source, handle) in enumerate(found)
+    ]
 
 
 def _gone(dataset: Dataset, tasks: Sequence[IngestTask]) -> dict[Path, list[str]]:
     """Sequences of the dataset that their sources, as read now, do not hold any more."""
-    rows = dataset.catalog().to_pylist()
+    rows = CatalogRows(dataset.catalog().to_pylist())
     held: dict[Path, set[str]] = {}
     for task in tasks:
-        own = former_rows(rows, task.handle.sequence_id, task.source.resolve())
+        own = rows.of(task.handle.sequence_id, task.source)
         held.setdefault(task.source, set()).update(row["sequence_id"] for row in own)
     gone = {
-        source: [
-            row["sequence_id"]
-            for row in rows
-            if row["source"] == str(source.resolve()) and row["sequence_id"] not in ids
-        ]
+        source: [r["sequence_id"] for r in rows.of_source(source) if r["sequence_id"] not in ids]
         for source, ids in held.items()
     }
     return {source: ids for source, ids in gone.items() if ids}
@@ -195,5 +174,11 @@ def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[Brought]:
         yield from map(bring_up_to_date, tasks)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-        yield from pool.map(bring_up_to_date, tasks)
+    try:
+        with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+            yield from pool.map(bring_up_to_date, tasks)
+    except BrokenProcessPool as error:
+        raise HbbatchError(
+            "a worker process was killed, perhaps for want of memory. What was ingested is kept: "
+            "run the same command again, with fewer --workers."
+        ) from error

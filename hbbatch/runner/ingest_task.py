@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +13,8 @@ from typing import Any, Final
 from hbbatch import schema
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import check_name
-from hbbatch.errors import SequenceError, SourceError, UsageError
+from hbbatch.errors import DatasetError, HbbatchError, SequenceError, report_defect
+from hbbatch.runner.ingest_catalog import Rival
 from hbbatch.runner.ingest_tables import write_sequence
 from hbbatch.sources.base import SequenceHandle, source_errors
 from hbbatch.sources.classes import load_taxonomy
@@ -72,9 +73,9 @@ class IngestTask:
         source_format: name of its format.
         handle: the recording.
         former: its rows of the catalogue.
+        rivals: others that have its name, or that of a part it may be divided into.
         classes: file that extends the table of class names.
         force: whether to read it although it has not changed, or to replace another source's.
-        taken_by: source of the same command that gives a sequence of the same name.
     """
 
     dataset: Dataset
@@ -82,9 +83,9 @@ class IngestTask:
     source_format: str
     handle: SequenceHandle
     former: Sequence[dict[str, Any]]
+    rivals: Sequence[Rival]
     classes: Path | None
     force: bool
-    taken_by: Path | None
 
 
 @dataclass
@@ -116,17 +117,22 @@ def bring_up_to_date(task: IngestTask) -> Brought:
         with source_errors(task.source):
             check_name(name, f"{task.source}: sequence")
             source_hash = _source_hash(task)
-            _check_owner(task, source_hash)
+            _refuse_taken(task, [name], source_hash)
             same = [row for row in task.former if row["source_hash"] == source_hash]
             if same and not task.force:
                 seconds = time.perf_counter() - started
                 unchanged = IngestStatus.UNCHANGED
                 return Brought([_outcome(task, unchanged, row, seconds) for row in same])
             return _write(task, source_hash)
-    except (SourceError, SequenceError, UsageError) as failure:
+    except DatasetError:
+        raise
+    except Exception as failure:  # noqa: BLE001 - whatever is wrong with one must not stop others
+        said = str(failure)
+        if not isinstance(failure, HbbatchError):
+            said = f"{task.source}: sequence {name}: {report_defect(failure)}"
         kept = " The dataset keeps what it had of this sequence." if task.former else ""
         seconds = time.perf_counter() - started
-        error = f"{failure}{kept}"
+        error = f"{said}{kept}"
         failed = SequenceOutcome(name, task.source, IngestStatus.FAILED, seconds, None, error)
         return Brought([failed])
 
@@ -144,7 +150,9 @@ def _write(task: IngestTask, source_hash: str) -> Brought:
     brought = Brought()
     started = time.perf_counter()
     try:
-        for reading in task.handle.read():
+        readings = task.handle.read()
+        _refuse_taken(task, [reading.sequence_id for reading in readings], source_hash)
+        for reading in readings:
             row = {
                 "source": str(task.source.resolve()),
                 "source_format": task.source_format,
@@ -158,7 +166,7 @@ def _write(task: IngestTask, source_hash: str) -> Brought:
             ended = time.perf_counter()
             brought.outcomes.append(_outcome(task, status, row, ended - started))
             started = ended
-    except (SourceError, SequenceError, OSError):
+    except Exception:
         for row in brought.rows:
             if row["sequence_id"] not in former:
                 task.dataset.drop_sequence(row["sequence_id"])
@@ -179,25 +187,23 @@ def _source_hash(task: IngestTask) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
-def _check_owner(task: IngestTask, source_hash: str) -> None:
-    """Refuse a sequence whose name another source has taken.
+def _refuse_taken(task: IngestTask, names: Collection[str], source_hash: str) -> None:
+    """Refuse names of sequences that another recording has.
 
     Raises:
-        SequenceError: in this command or, unless forced, in an earlier one.
+        SequenceError: one of the same command or, unless forced, of an earlier one. A recording
+            that has only been moved is the same one.
     """
-    name, path = task.handle.sequence_id, task.source.resolve()
-    if task.taken_by is not None:
-        raise SequenceError(
-            f"{task.source}: sequence {name} is also in {task.taken_by}. Ingest one of them "
-            "into another dataset (--dataset)."
-        )
-    others = [
-        row
-        for row in task.former
-        if row["source"] != str(path) and row["source_hash"] != source_hash
-    ]
-    if others and not task.force:
-        raise SequenceError(
-            f"{task.source}: the dataset has a sequence {others[0]['sequence_id']} already, from "
-            f"{others[0]['source']}. Use another dataset (--dataset), or --force to replace it."
-        )
+    for rival in task.rivals:
+        if rival.sequence_id not in names:
+            continue
+        if rival.source_hash is None:
+            raise SequenceError(
+                f"{task.source}: sequence {rival.sequence_id} is also in {rival.source}. Ingest "
+                "one of them into another dataset (--dataset)."
+            )
+        if rival.source_hash != source_hash and not task.force:
+            raise SequenceError(
+                f"{task.source}: the dataset has a sequence {rival.sequence_id} already, from "
+                f"{rival.source}. Use another dataset (--dataset), or --force to replace it."
+            )

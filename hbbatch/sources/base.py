@@ -6,7 +6,7 @@ Handles of sequences are light and picklable; nothing is read before `fingerprin
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,7 +29,7 @@ POSE_ORIGINS: Final = (LOGGED, INTERPOLATED, IDENTITY)
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What the user may say about sources; formats ignore what does not concern them.
+    """What the user may say about sources; `Source.uses` says what concerns one.
 
     Attributes:
         detections: folder of detection files, for formats that keep them apart from the log.
@@ -339,6 +339,11 @@ class Source(Protocol):
     @property
     def format_name(self) -> str:
         """Name of the format, for the catalogue."""
+        ...
+
+    @property
+    def uses(self) -> Collection[str]:
+        """Which fields of `SourceOptions` concern it."""
         ...
 
     def sequences(self) -> Sequence[SequenceHandle]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final
 
@@ -93,6 +93,11 @@ class UnreadableLog:
     path: Path
     error: SourceError
     format_name: str = ""
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """Nobody knows: no option is of no use to it."""
+        return [option.name for option in fields(SourceOptions)]
 
     def sequences(self) -> Sequence[SequenceHandle]:
         """Raises what is wrong with the file."""

@@ -64,6 +64,11 @@ class KittiSource:
     options: SourceOptions
     format_name: str = "kitti_tracking"
 
+    @property
+    def uses(self) -> Sequence[str]:
+        """Detections lie apart from the drives."""
+        return ("detections",)
+
     def sequences(self) -> Sequence[KittiSequence]:
         """Every sequence that any part of the folder or, numbered, the detections know of."""
         folder = self._detections()

@@ -58,6 +58,11 @@ class KittiRawSource:
     options: SourceOptions
     format_name: str = "kitti_raw"
 
+    @property
+    def uses(self) -> Sequence[str]:
+        """Detections lie apart from the drives."""
+        return ("detections",)
+
     def sequences(self) -> Sequence[KittiRawSequence]:
         """The drive.
 

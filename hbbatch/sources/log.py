@@ -39,6 +39,15 @@ from hbbatch.sources.rosbag2 import log_stem
 from hbbatch.sources.transforms import EXTRAPOLATION_NS
 
 _LISTED_TOPICS: Final = 20
+_USES: Final = (
+    "topics",
+    "world_frame",
+    "pose_topic",
+    "max_gap_s",
+    "mappings",
+    "message_paths",
+    "ros_distro",
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +67,11 @@ class LogSource:
     def format_name(self) -> str:
         """Name of the container format."""
         return self.log.format_name
+
+    @property
+    def uses(self) -> Sequence[str]:
+        """All that is said about logs."""
+        return _USES
 
     @property
     def stem(self) -> str:
@@ -110,7 +124,7 @@ class LogSource:
             raise SourceChoiceError(
                 f"{self.path}: several detection topics ({listed}). Use --topic."
             )
-        return self.options.topics or offered
+        return list(dict.fromkeys(self.options.topics)) or offered
 
 
 def _offered(channels: Sequence[Channel], options: SourceOptions) -> list[str]:

@@ -84,11 +84,13 @@ def test_defects_are_one_line_and_a_hint(
     assert "--traceback" in shown
 
 
-def test_defects_show_where_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_defects_show_where_when_asked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("HBBATCH_TRACEBACK", "1")
     raise_from_app(monkeypatch, KeyError("x"))
-    with pytest.raises(KeyError):
-        main()
+    assert run_main(monkeypatch) == 1
+    assert capsys.readouterr().err.startswith("Traceback (most recent call last)")
 
 
 def test_a_reader_that_leaves_is_no_error_message(tmp_path: Path) -> None:
