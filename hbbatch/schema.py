@@ -7,6 +7,7 @@ partition they lie in (`detections/sequence_id=0001/part-0.parquet`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 import pyarrow as pa
@@ -146,6 +147,11 @@ def format_version(schema: pa.Schema) -> int:
     return int((schema.metadata or {}).get(_VERSION_KEY, b"0"))
 
 
+def only(schema: pa.Schema, columns: Iterable[str]) -> pa.Schema:
+    """The schema of some of a table's columns."""
+    return pa.schema([schema.field(name) for name in columns], schema.metadata)
+
+
 def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:
     """The table with exactly the columns, types and metadata of a schema.
 
@@ -176,7 +182,7 @@ def _conform_column(table: pa.Table, field: pa.Field, what: str) -> pa.ChunkedAr
         )
     column = table[field.name]
     try:
-        column = column.cast(field.type)
+        column = column if column.type == field.type else column.cast(field.type)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise DatasetError(
             f"{what}: column {field.name!r} is {column.type}, expected {field.type} ({error})."

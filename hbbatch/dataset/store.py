@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,13 +151,15 @@ class Dataset:
         """Camera calibration of a sequence."""
         return self.root / "calibration" / f"sequence_id={sequence_id}" / "calibration.json"
 
-    def detections(self, sequence_id: str) -> pa.Table:
-        """Detections of a sequence."""
-        return self._read("detections", schema.DETECTIONS, sequence_id)
+    def detections(
+        self, sequence_id: str, columns: Sequence[str] = schema.DETECTIONS.names
+    ) -> pa.Table:
+        """Detections of a sequence, all columns or some."""
+        return self._read("detections", schema.only(schema.DETECTIONS, columns), sequence_id)
 
-    def poses(self, sequence_id: str) -> pa.Table:
-        """Poses of a sequence, a row a frame."""
-        return self._read("poses", schema.POSES, sequence_id)
+    def poses(self, sequence_id: str, columns: Sequence[str] = schema.POSES.names) -> pa.Table:
+        """Poses of a sequence, a row a frame, all columns or some."""
+        return self._read("poses", schema.only(schema.POSES, columns), sequence_id)
 
     def labels(self, sequence_id: str) -> pa.Table | None:
         """Labels of a sequence, None when it has none."""
@@ -212,13 +214,17 @@ class Dataset:
 
 
 def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
-    """A Parquet file, checked against a schema.
+    """The columns of a schema from a Parquet file, checked against it.
 
     Raises:
         DatasetError: the file is missing, damaged or does not fit the schema.
     """
     try:
-        table = pq.read_table(path, partitioning=None, memory_map=True)
+        with pq.ParquetFile(path, memory_map=True) as file:
+            names = set(file.schema_arrow.names)
+            there = [name for name in expected.names if name in names]
+            # Files are small: one thread is done before others have started.
+            table = file.read(there, use_threads=False)
     except FileNotFoundError as error:
         raise DatasetError(f"{what}: {path} is missing. Ingest the sequence again.") from error
     except (OSError, pa.ArrowException) as error:

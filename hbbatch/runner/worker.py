@@ -19,7 +19,12 @@ from hbbatch.runner.device import resolved_device
 from hbbatch.runner.plan import Group, SequenceJob, bounded
 from hbbatch.runner.timing import TimingRow, timing_row
 from hbbatch.sinks.kitti import kitti_result
-from hbbatch.tracking.frames import SequenceFrames, sequence_frames
+from hbbatch.tracking.frames import (
+    DETECTION_COLUMNS,
+    POSE_COLUMNS,
+    SequenceFrames,
+    sequence_frames,
+)
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
 MAX_PART_DETECTIONS: Final = 300_000
@@ -182,8 +187,8 @@ def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Readin
     started = time.perf_counter()
     frames = sequence_frames(
         job.sequence_id,
-        order.dataset.detections(job.sequence_id),
-        order.dataset.poses(job.sequence_id),
+        order.dataset.detections(job.sequence_id, DETECTION_COLUMNS),
+        order.dataset.poses(job.sequence_id, POSE_COLUMNS),
         class_names,
         order.settings.min_score,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -14,6 +14,18 @@ from numpy.typing import NDArray
 from hbbatch.boxes import BOX_FIELDS, FloatArray, rotation_matrices, transform_boxes
 
 IntArray = NDArray[np.int64]
+
+DETECTION_COLUMNS: Final = (
+    *("frame_index", "detection_id", "class_name", "score"),
+    *BOX_FIELDS,
+)
+"""What tracking reads of `schema.DETECTIONS`."""
+
+_TRANSLATION = tuple(f"translation_{axis}" for axis in "xyz")
+_ROTATION = tuple(f"rotation_{axis}" for axis in "xyzw")
+
+POSE_COLUMNS: Final = ("timestamp_ns", *_TRANSLATION, *_ROTATION)
+"""What tracking reads of `schema.POSES`."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +72,8 @@ def sequence_frames(
 
     Args:
         sequence_id: name of the sequence.
-        detections: table of `schema.DETECTIONS`, sorted by frame.
-        poses: table of `schema.POSES`, a row a frame, frame_index counting from 0.
+        detections: table with `DETECTION_COLUMNS`, sorted by frame.
+        poses: table with `POSE_COLUMNS`, a row a frame.
         classes: class names to keep; their order defines `class_codes`.
         min_score: lower scores are dropped.
     """
@@ -69,8 +81,8 @@ def sequence_frames(
     if min_score is not None:
         kept = kept.filter(pc.greater_equal(kept["score"], min_score))
     frame_index = _column(kept, "frame_index").astype(np.int64)
-    rotation = rotation_matrices(_columns(poses, [f"rotation_{a}" for a in "xyzw"]))
-    translation = _columns(poses, [f"translation_{a}" for a in "xyz"])
+    rotation = rotation_matrices(_columns(poses, _ROTATION))
+    translation = _columns(poses, _TRANSLATION)
     sensor_boxes = _columns(kept, BOX_FIELDS)
     boxes = transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index])
     codes = pc.index_in(kept["class_name"], pa.array(list(classes)))
