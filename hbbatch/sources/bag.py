@@ -19,6 +19,7 @@ from typing import Final
 import lz4.frame  # type: ignore[import-untyped]
 
 from hbbatch.sources.base import Findings
+from hbbatch.sources.blocks import Block, in_blocks
 from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, file_hash, starts_with
 from hbbatch.sources.messages import normalise_type
 
@@ -69,11 +70,15 @@ class BagLog:
             met[channel] = None
             return False
 
-        for _ in self.messages(remember, findings):
+        for _ in self.blocks(remember, findings):
             pass
         return list(met)
 
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+    def blocks(self, wanted: Wanted, findings: Findings) -> Iterator[Block]:
+        """Messages of the wanted channels, in blocks."""
+        return in_blocks(self._messages(wanted, findings))
+
+    def _messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
         """Messages of the wanted connections in file order, damaged places left out."""
         reading = _Reading(wanted)
         with self.path.open("rb") as file:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final, Generic, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
 
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import SourceOptions
+from hbbatch.sources.base import IntArray, SourceOptions
+from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
 from hbbatch.sources.cdr_walk import WalkRefusedError
-from hbbatch.sources.channels import Channel, RawMessage
+from hbbatch.sources.channels import Channel
 from hbbatch.sources.columns import (
     DetectionColumns,
     TransformColumns,
@@ -19,19 +22,17 @@ from hbbatch.sources.columns import (
 )
 from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder
 
-_BATCH_MESSAGES: Final = 1024
-_BATCH_BYTES: Final = 16 * 2**20
 _One = TypeVar("_One")
 _Many = TypeVar("_Many")
 
 
 @dataclass
 class ChannelReader(Generic[_One, _Many]):
-    """Collects messages of a channel and reads them when there are enough.
+    """Reads the messages of a channel.
 
     Attributes:
         channel: the channel.
-        read: what one decoded message says.
+        read_one: what one decoded message says.
         join: many of those as a batch.
         walk: a batch from the bytes of all messages, None where there is no direct walk.
         decode: bytes to a decoded message, None when the channel cannot be decoded.
@@ -41,47 +42,34 @@ class ChannelReader(Generic[_One, _Many]):
     """
 
     channel: Channel
-    read: Callable[[Any], _One]
+    read_one: Callable[[Any], _One]
     join: Callable[[Sequence[_One]], _Many]
-    walk: Callable[[Sequence[bytes]], _Many] | None
+    walk: Callable[[Payloads], _Many] | None
     decode: Callable[[bytes], Any] | None
     problem: str = ""
     note: str = ""
     undecodable: int = 0
-    _waiting: list[tuple[int, RawMessage]] = field(default_factory=list)
-    _waiting_bytes: int = 0
 
-    def add(self, number: int, message: RawMessage) -> bool:
-        """Take a message; True when it is time to `flush`."""
-        self._waiting.append((number, message))
-        self._waiting_bytes += len(message.data)
-        return len(self._waiting) >= _BATCH_MESSAGES or self._waiting_bytes >= _BATCH_BYTES
-
-    def flush(self) -> tuple[_Many, list[tuple[int, RawMessage]]] | None:
-        """What the messages taken say, and those of them that could be read."""
-        waiting, self._waiting, self._waiting_bytes = self._waiting, [], 0
-        if not waiting:
-            return None
+    def read(self, messages: Payloads) -> tuple[_Many, IntArray] | None:
+        """What messages say, and which of them could be read; None when none could."""
         if self.walk is not None:
             try:
-                return self.walk([message.data for _, message in waiting]), waiting
+                return self.walk(messages), np.arange(len(messages))
             except WalkRefusedError:
                 pass
-        return self._one_by_one(waiting)
+        return None if self.decode is None else self._one_by_one(messages, self.decode)
 
     def _one_by_one(
-        self, waiting: list[tuple[int, RawMessage]]
-    ) -> tuple[_Many, list[tuple[int, RawMessage]]] | None:
+        self, messages: Payloads, decode: Callable[[bytes], Any]
+    ) -> tuple[_Many, IntArray] | None:
         said, kept = [], []
-        for entry in waiting:
+        for row, data in enumerate(messages):
             try:
-                if self.decode is None:
-                    continue
-                said.append(self.read(self.decode(entry[1].data)))
-                kept.append(entry)
+                said.append(self.read_one(decode(data)))
+                kept.append(row)
             except UNDECODABLE:
                 self.undecodable += 1
-        return (self.join(said), kept) if said else None
+        return (self.join(said), np.array(kept, dtype=np.int64)) if said else None
 
 
 def detection_reader(

@@ -14,13 +14,14 @@ from rosbags.typesys.store import Typestore
 
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray, Names
+from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_walk import CdrWalk, Columns, WalkRefusedError
 from hbbatch.sources.columns import DetectionColumns, TransformColumns, from_samples
 from hbbatch.sources.messages.autoware import label_name
 from hbbatch.sources.messages.base import quaternion_yaw
 
-ReadDetectionColumns = Callable[[Sequence[bytes]], DetectionColumns]
-ReadTransformColumns = Callable[[Sequence[bytes]], TransformColumns]
+ReadDetectionColumns = Callable[[Payloads], DetectionColumns]
+ReadTransformColumns = Callable[[Payloads], TransformColumns]
 
 _STAMP: Final = ("header.stamp.sec", "header.stamp.nanosec")
 _FRAME: Final = "header.frame_id"
@@ -54,7 +55,7 @@ def detection_3d_array(store: Typestore, kind: str) -> ReadDetectionColumns:
     except WalkRefusedError:
         walk, (score, name) = CdrWalk(store, kind, [*common, *foxy]), foxy
 
-    def read(messages: Sequence[bytes]) -> DetectionColumns:
+    def read(messages: Payloads) -> DetectionColumns:
         columns = walk.read(messages)
         counts = columns.counts["detections"]
         frames = columns.texts[_FRAME]
@@ -89,7 +90,7 @@ def autoware_objects(store: Typestore, kind: str) -> ReadDetectionColumns:
     wanted = [*_STAMP, _FRAME, *pose, *size, shape, existence, available, score, label]
     walk = CdrWalk(store, kind, wanted)
 
-    def read(messages: Sequence[bytes]) -> DetectionColumns:
+    def read(messages: Payloads) -> DetectionColumns:
         columns = walk.read(messages)
         counts = columns.counts["objects"]
         total = int(counts.sum())
@@ -121,7 +122,7 @@ def tf_message(store: Typestore, kind: str) -> ReadTransformColumns:
     parent, child = f"{one}.{_FRAME}", f"{one}.child_frame_id"
     walk = CdrWalk(store, kind, [*stamp, *values, parent, child])
 
-    def read(messages: Sequence[bytes]) -> TransformColumns:
+    def read(messages: Payloads) -> TransformColumns:
         columns = walk.read(messages)
         counts = columns.counts["transforms"]
         if not counts.any():
@@ -140,7 +141,7 @@ def odometry(store: Typestore, kind: str) -> ReadTransformColumns:
     values = _pose("pose.pose")
     walk = CdrWalk(store, kind, [*_STAMP, _FRAME, "child_frame_id", *values])
 
-    def read(messages: Sequence[bytes]) -> TransformColumns:
+    def read(messages: Payloads) -> TransformColumns:
         counts = np.ones(len(messages), dtype=np.int64)
         return _transforms(walk.read(messages), counts, _STAMP, values, _FRAME, "child_frame_id")
 
@@ -162,9 +163,12 @@ def _boxes(columns: Columns, pose: list[str], size: list[str], total: int) -> Fl
 
 def _refuse_other_frames(frames: Names, inner: Names, counts: IntArray) -> None:
     """Refuse messages without frame, and objects that name another one than their message."""
-    outer = np.repeat(np.array(frames.vocabulary, dtype=object)[frames.codes], counts)
-    own = np.array(inner.vocabulary, dtype=object)[inner.codes]
-    if ((own != "") & (own != outer)).any():
+    if inner.vocabulary == ("",):
+        return
+    numbers = {name: number for number, name in enumerate(frames.vocabulary)}
+    table = np.array([numbers.get(name, -1) for name in inner.vocabulary], dtype=np.int64)
+    named = np.array([name != "" for name in inner.vocabulary])
+    if (named[inner.codes] & (table[inner.codes] != np.repeat(frames.codes, counts))).any():
         raise WalkRefusedError("several frames in a message")
 
 
@@ -176,6 +180,8 @@ def _best_rows(columns: Columns, score: str, sequence: str) -> tuple[IntArray, I
     scores, owners = columns.numbers[score], columns.parents[sequence]
     if np.isnan(scores).any():
         raise WalkRefusedError("a score that is no number")
+    if (np.diff(owners) > 0).all():
+        return owners, np.arange(len(owners))
     order = np.lexsort((-scores, owners))
     first = np.flatnonzero(np.diff(owners[order], prepend=-1))
     return owners[order][first], order[first]

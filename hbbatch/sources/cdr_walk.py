@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from hbbatch.sources.base import IntArray, Names
+from hbbatch.sources.blocks import Payloads, gather
 
 _DTYPES: Final = {
     "bool": "u1",
@@ -42,7 +43,7 @@ _HEAD: Final = 4
 _WIDEST: Final = 8
 _LONGEST_TEXT: Final = 256
 _MOST_ELEMENTS: Final = 4096
-_TEXT: Final = "text"
+_FEW_KINDS: Final = 16
 
 
 class WalkRefusedError(Exception):
@@ -212,17 +213,19 @@ class CdrWalk:
         if missing:
             raise WalkRefusedError(f"no field {', '.join(sorted(missing))}")
 
-    def read(self, messages: Sequence[bytes]) -> Columns:
+    def read(self, messages: Payloads) -> Columns:
         """The chosen fields of messages.
 
         Raises:
             WalkRefusedError: not all of them are as the definition says.
         """
-        buffer = _Buffer(messages)
-        run = _Run(buffer)
+        _check_encapsulation(messages)
+        run = _Run(messages.buffer)
         try:
-            end = run.steps(self._steps, buffer.starts.copy(), np.arange(len(messages)))
-            left = buffer.ends - end
+            origin = messages.starts + _HEAD
+            start = np.zeros(len(messages), dtype=np.int64)
+            end = run.steps(self._steps, _Group(origin, np.arange(len(messages))), start)
+            left = messages.ends - origin - end
             if ((left < 0) | (left >= _HEAD)).any():
                 raise WalkRefusedError("the size differs")
             return run.columns(len(messages))
@@ -230,144 +233,169 @@ class CdrWalk:
             raise WalkRefusedError("reaches beyond the messages") from error
 
 
-class _Buffer:
-    """Messages laid out so that what is aligned within them is aligned in the buffer."""
+def _check_encapsulation(messages: Payloads) -> None:
+    if not len(messages) or (messages.ends - messages.starts).min() < _HEAD:
+        raise WalkRefusedError("no encapsulation")
+    heads = gather(messages.buffer, messages.starts, np.dtype("<u4"))
+    if ((heads & 0xFFFF) != 0x0100).any():
+        raise WalkRefusedError("not plain little endian CDR")
 
-    def __init__(self, messages: Sequence[bytes]) -> None:
-        sizes = np.array([len(message) for message in messages])
-        if not len(sizes) or sizes.min() < _HEAD:
-            raise WalkRefusedError("no encapsulation")
-        parts: list[bytes] = []
-        places: list[int] = []
-        position = 0
-        for message in messages:
-            places.append(position + _WIDEST)
-            gap = -(len(message) - _HEAD) % _WIDEST
-            parts += (b"\0\0\0\0", message, b"\0" * gap)
-            position += _HEAD + len(message) + gap
-        parts.append(b"\0" * (_LONGEST_TEXT + 2 * _WIDEST + -position % _WIDEST))
-        joined = b"".join(parts)
-        self.starts: IntArray = np.array(places, dtype=np.int64)
-        self.ends: IntArray = self.starts + sizes - _HEAD
-        self.views = {kind: np.frombuffer(joined, f"<{kind}") for kind in set(_DTYPES.values())}
-        heads = self.views["u4"][(self.starts - _HEAD) >> 2]
-        if ((heads & 0xFFFF) != 0x0100).any():
-            raise WalkRefusedError("not plain little endian CDR")
+
+class _Group(NamedTuple):
+    """Messages that go through steps together; several may be of one owner.
+
+    Attributes:
+        origin: `(n,)` where each message begins in the buffer, behind its encapsulation.
+        owner: `(n,)` which message or element each is.
+    """
+
+    origin: IntArray
+    owner: IntArray
+
+    def take(self, rows: IntArray) -> _Group:
+        return _Group(self.origin[rows], self.owner[rows])
 
 
 class _Run:
-    """One batch on its way through the steps."""
+    """One batch on its way through the steps.
 
-    def __init__(self, buffer: _Buffer) -> None:
+    Positions are relative to the origin of the message, as alignment is. What is wanted is only
+    marked on the way, and gathered from the buffer at the end, all turns at once.
+    """
+
+    def __init__(self, buffer: bytes | bytearray) -> None:
         self._buffer = buffer
-        self._numbers: dict[tuple[str, ...], list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._numbers: dict[tuple[str, ...], list[tuple[IntArray, IntArray]]] = {}
+        self._dtypes: dict[tuple[str, ...], str] = {}
         self._texts: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
-        self._counts: dict[str, list[tuple[IntArray, NDArray[Any]]]] = {}
+        self._counts: dict[str, list[tuple[IntArray, IntArray]]] = {}
+        # Seen as lengths at every place, aligned or not: as `blocks.gather`, made once.
+        self._lengths = np.ndarray((len(buffer) - _HEAD + 1,), "V4", buffer, strides=(1,))
 
-    def steps(self, steps: Sequence[Any], position: IntArray, owner: IntArray) -> IntArray:
-        """Take steps with all of a group; `owner` says which message or element each is."""
+    def steps(self, steps: Sequence[Any], group: _Group, position: IntArray) -> IntArray:
+        """Take steps with all of a group; positions before and after."""
         for step in steps:
-            if isinstance(step, _Take):
-                position = self._take(step, position, owner)
-            elif isinstance(step, _Skip):
+            if isinstance(step, _Skip):
                 position = position + step.count
             elif isinstance(step, _Align):
                 position = (position + (step.to - 1)) & -step.to
+            elif isinstance(step, _Take):
+                position = self._take(step, group, position)
             elif isinstance(step, _Text):
-                position = self._text(step, position, owner)
+                position = self._text(step, group, position)
             else:
-                position = self._repeat(step, position, owner)
+                position = self._repeat(step, group, position)
         return position
 
-    def _take(self, step: _Take, position: IntArray, owner: IntArray) -> IntArray:
-        size, count = int(step.dtype[1]), len(step.paths)
-        first = position >> (size.bit_length() - 1)
-        values = self._buffer.views[step.dtype][first[:, None] + np.arange(count)]
-        self._numbers.setdefault(tuple(step.paths), []).append((owner, values))
-        return position + size * count
+    def _take(self, step: _Take, group: _Group, position: IntArray) -> IntArray:
+        paths = tuple(step.paths)
+        self._dtypes[paths] = step.dtype
+        self._numbers.setdefault(paths, []).append((group.owner, group.origin + position))
+        return position + int(step.dtype[1]) * len(paths)
 
-    def _length(self, position: IntArray) -> IntArray:
-        lengths: IntArray = self._buffer.views["u4"][position >> 2].astype(np.int64)
+    def _length(self, place: IntArray) -> IntArray:
+        lengths: IntArray = self._lengths[place].view("<u4").astype(np.int64)
         return lengths
 
-    def _text(self, step: _Text, position: IntArray, owner: IntArray) -> IntArray:
-        length = self._length(position)
+    def _text(self, step: _Text, group: _Group, position: IntArray) -> IntArray:
+        place = group.origin + position
+        length = self._length(place)
         if step.path:
-            self._texts.setdefault(step.path, []).append((owner, position, length))
-        return position + 4 + length
+            self._texts.setdefault(step.path, []).append((group.owner, place + _HEAD, length))
+        return position + _HEAD + length
 
-    def _repeat(self, step: _Repeat, position: IntArray, owner: IntArray) -> IntArray:
-        counts, position = self._length(position), position + 4
+    def _repeat(self, step: _Repeat, group: _Group, position: IntArray) -> IntArray:
+        counts, position = self._length(group.origin + position), position + _HEAD
         if step.item_bytes:
             aligned = (position + (step.align - 1)) & -step.align
             return np.where(counts > 0, aligned + counts * step.item_bytes, position)
         most = int(counts.max(initial=0))
         if most > _MOST_ELEMENTS:
             raise WalkRefusedError("too many elements")
-        self._counts.setdefault(step.path, []).append((owner, counts))
+        self._counts.setdefault(step.path, []).append((group.owner, counts))
         # Elements of a sequence of messages are numbered through; those of a sequence within a
         # sequence carry the number of their parent.
-        first = np.cumsum(counts) - counts
         nested = "[]" in step.path
+        first = group.owner if nested else np.cumsum(counts) - counts
         least = int(counts.min()) if len(counts) else 0
         for turn in range(most):
+            owner = first if nested else first + turn
             if turn < least:
-                position = self.steps(step.steps, position, owner if nested else first + turn)
+                position = self.steps(step.steps, group._replace(owner=owner), position)
                 continue
             active = np.flatnonzero(counts > turn)
-            names = owner[active] if nested else first[active] + turn
-            position[active] = self.steps(step.steps, position[active], names)
+            position[active] = self.steps(
+                step.steps, _Group(group.origin, owner).take(active), position[active]
+            )
         return position
 
     def columns(self, messages: int) -> Columns:
-        """What was taken, in order."""
+        """What was marked, in order."""
         counts = {path: _Order()(pieces) for path, pieces in self._counts.items()}
         if any(len(n) != messages for path, n in counts.items() if "[]" not in path):
             raise WalkRefusedError("a sequence within a fixed array")
         orders: dict[str, _Order] = {}
 
-        def ordered(path: str, pieces: list[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
+        def ordered(path: str, pieces: list[tuple[IntArray, IntArray]]) -> IntArray:
             sequence = path.rpartition("[]")[0]
             return orders.setdefault(sequence, _Order())(pieces)
 
         numbers = {}
         for paths, pieces in self._numbers.items():
-            block = ordered(paths[0], pieces)
+            block = self._gather(ordered(paths[0], pieces), self._dtypes[paths], len(paths))
             numbers.update({path: block[:, column] for column, path in enumerate(paths)})
         texts = {}
         for path, places in self._texts.items():
-            start = ordered(path, [(owner, position) for owner, position, _ in places]) + 4
+            start = ordered(path, [(owner, place) for owner, place, _ in places])
             length = ordered(path, [(owner, length) for owner, _, length in places])
             texts[path] = self._names(start, length)
         parents = {path: order.owners for path, order in orders.items()}
         return Columns(counts, numbers, texts, parents)
 
+    def _gather(self, places: IntArray, dtype: str, count: int) -> NDArray[Any]:
+        """Numbers that lie side by side, `(n, count)`."""
+        rows: NDArray[Any] = gather(self._buffer, places, np.dtype((f"<{dtype}", (count,))))
+        return rows
+
     def _names(self, start: IntArray, length: IntArray) -> Names:
-        longest = int(length.max(initial=1))
+        letters = np.maximum(length - 1, 0)
+        longest = int(letters.max(initial=0))
         if longest > _LONGEST_TEXT:
             raise WalkRefusedError("a long text")
-        words = max(-(-longest // _HEAD), 1)
-        letters = self._buffer.views["u4"][(start >> 2)[:, None] + np.arange(words)]
-        letters.view("u1")[np.arange(words * _HEAD) >= (length - 1)[:, None]] = 0
-        first, codes = _distinct(letters)
+        if not longest:
+            return Names(np.zeros(len(letters), dtype=np.int64), ("",))
+        count = -(-longest // _WIDEST)
+        words = self._gather(start, "u8", count) & _masks(count)[letters]
+        first, codes = _distinct(words)
         try:
-            vocabulary = tuple(letters[row].tobytes().rstrip(b"\0").decode() for row in first)
+            vocabulary = tuple(words[row].tobytes().rstrip(b"\0").decode() for row in first)
         except UnicodeDecodeError as error:
             raise WalkRefusedError("a text is not UTF-8") from error
         return Names(codes, vocabulary)
 
 
+def _masks(words: int) -> NDArray[np.uint64]:
+    """By number of letters, which bits of some words hold them, `(8 * words + 1, words)`."""
+    letters = np.arange(words * _WIDEST)
+    kept = np.arange(words * _WIDEST + 1)[:, None] > letters
+    return (kept * np.uint8(0xFF)).astype(np.uint8).view("<u8")
+
+
 def _distinct(rows: NDArray[Any]) -> tuple[list[int], IntArray]:
     """The first row of each kind, and which kind each row is; rows are `(n, words)`."""
-    if not len(rows) or (rows == rows[0]).all():
-        return [0] if len(rows) else [], np.zeros(len(rows), dtype=np.int64)
-    key = rows[:, 0].astype(np.uint64)
-    for column in range(1, rows.shape[1]):
-        key = key * np.uint64(0x9E3779B97F4A7C15) + rows[:, column]
-    _, first, codes = np.unique(key, return_index=True, return_inverse=True)
-    if not (rows == rows[first[codes]]).all():
-        _, first, codes = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return first.tolist(), codes.reshape(-1).astype(np.int64)
+    codes = np.zeros(len(rows), dtype=np.int64)
+    first: list[int] = []
+    left = np.arange(len(rows))
+    while len(left) and len(first) < _FEW_KINDS:
+        same = (rows[left] == rows[left[0]]).all(axis=1)
+        codes[left[same]] = len(first)
+        first.append(int(left[0]))
+        left = left[~same]
+    if len(left):
+        _, others, numbers = np.unique(rows[left], axis=0, return_index=True, return_inverse=True)
+        codes[left] = numbers.reshape(-1) + len(first)
+        first += left[others].tolist()
+    return first, codes
 
 
 class _Order:
@@ -381,7 +409,7 @@ class _Order:
         self.owners: IntArray = np.zeros(0, dtype=np.int64)
         self._order: IntArray | None = None
 
-    def __call__(self, pieces: list[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
+    def __call__(self, pieces: list[tuple[IntArray, IntArray]]) -> IntArray:
         values = np.concatenate([value for _, value in pieces])
         if not len(self.owners):
             self.owners = np.concatenate([owner for owner, _ in pieces])

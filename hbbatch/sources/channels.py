@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from hbbatch.sources.base import Findings
 
@@ -42,52 +42,6 @@ class RawMessage(NamedTuple):
 
 
 Wanted = Callable[[Channel], bool]
-
-
-class MessageLog(Protocol):
-    """A container of messages."""
-
-    @property
-    def path(self) -> Path:
-        """The file or folder."""
-        ...
-
-    @property
-    def format_name(self) -> str:
-        """Name of the format, for the catalogue."""
-        ...
-
-    def profile(self) -> str:
-        """What the container says of the system it was recorded on; empty when nothing.
-
-        Raises:
-            OSError: the file cannot be read.
-        """
-        ...
-
-    def channels(self, findings: Findings) -> Sequence[Channel]:
-        """All channels, those without messages included; damage goes to the findings.
-
-        Raises:
-            OSError: the file cannot be read.
-        """
-        ...
-
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
-        """Messages of the wanted channels as they lie in the file; damage goes to the findings.
-
-        Raises:
-            OSError: the file cannot be read.
-        """
-        ...
-
-    def fingerprint(self) -> str:
-        """Hash of the content.
-
-        Raises:
-            OSError: the file cannot be read.
-        """
-        ...
 
 
 @dataclass

@@ -28,7 +28,8 @@ from hbbatch.sources.base import (
     SequenceReading,
     SourceOptions,
 )
-from hbbatch.sources.channels import Channel, MessageLog
+from hbbatch.sources.blocks import MessageLog
+from hbbatch.sources.channels import Channel
 from hbbatch.sources.detection_store import DetectionStore
 from hbbatch.sources.log_description import describe
 from hbbatch.sources.log_poses import PoseMessages
@@ -173,8 +174,8 @@ class LogSequence:
         """Read the log; the findings are complete at once."""
         findings = Findings()
         scan = LogScan(self.topic, detection_messages(self.options.mappings), self.options)
-        for message in self.log.messages(scan.wants, findings):
-            scan.take(message)
+        for block in self.log.blocks(scan.wants, findings):
+            scan.take(block)
         scan.finish(findings)
         if not len(scan.store):
             raise SourceError(

@@ -6,9 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import Description, Findings, SourceOptions, TopicDescription
-from hbbatch.sources.channels import Channel, MessageLog
+from hbbatch.sources.base import (
+    Description,
+    Findings,
+    IntArray,
+    SourceOptions,
+    TopicDescription,
+)
+from hbbatch.sources.blocks import MessageLog
+from hbbatch.sources.channels import Channel
 from hbbatch.sources.decoding import decoder
 from hbbatch.sources.log_scan import LogScan
 from hbbatch.sources.mapping import detection_messages
@@ -25,10 +34,11 @@ class _Tally:
     first_ns: int = 0
     last_ns: int = 0
 
-    def add(self, log_time_ns: int) -> None:
-        first = min(self.first_ns, log_time_ns) if self.messages else log_time_ns
-        self.first_ns, self.last_ns = first, max(self.last_ns, log_time_ns)
-        self.messages += 1
+    def add(self, log_time_ns: IntArray) -> None:
+        first = int(log_time_ns.min())
+        self.first_ns = min(self.first_ns, first) if self.messages else first
+        self.last_ns = max(self.last_ns, int(log_time_ns.max()))
+        self.messages += len(log_time_ns)
 
 
 def describe(log: MessageLog, options: SourceOptions) -> tuple[Description, list[Channel]]:
@@ -36,10 +46,11 @@ def describe(log: MessageLog, options: SourceOptions) -> tuple[Description, list
     findings = Findings()
     scan = LogScan(_NO_TOPIC, detection_messages(options.mappings), options)
     tallies = {channel: _Tally() for channel in log.channels(Findings())}
-    for message in log.messages(lambda _: True, findings):
-        tallies.setdefault(message.channel, _Tally()).add(message.log_time_ns)
-        if scan.wants(message.channel):
-            scan.take(message)
+    for block in log.blocks(lambda _: True, findings):
+        for code in np.unique(block.codes).tolist():
+            tally = tallies.setdefault(block.channels[code], _Tally())
+            tally.add(block.log_time_ns[block.codes == code])
+        scan.take(block)
     scan.finish(findings)
     met = [tally for tally in tallies.values() if tally.messages]
     description = Description(

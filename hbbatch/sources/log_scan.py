@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from hbbatch.sources.base import Findings, SourceOptions
+from hbbatch.sources.base import Findings, IntArray, Names, SourceOptions
 from hbbatch.sources.batched import (
     ChannelReader,
     detection_reader,
     satellite_reader,
     transform_reader,
 )
-from hbbatch.sources.channels import Channel, RawMessage
+from hbbatch.sources.blocks import Block
+from hbbatch.sources.channels import Channel
 from hbbatch.sources.detection_store import DetectionStore
 from hbbatch.sources.log_poses import PoseMessages
 from hbbatch.sources.messages import (
@@ -26,7 +27,7 @@ from hbbatch.sources.messages import (
 
 
 class LogScan:
-    """What the messages of a log, given one by one, add up to."""
+    """What the messages of a log, given block by block, add up to."""
 
     def __init__(
         self, topic: str, detections: dict[str, ReadDetections], options: SourceOptions
@@ -35,7 +36,6 @@ class LogScan:
         self.poses = PoseMessages(options)
         self._topic, self._detections, self._options = topic, detections, options
         self._readers: dict[Channel, ChannelReader[Any, Any]] = {}
-        self._latest: dict[int, ChannelReader[Any, Any]] = {}
         self._numbers: Counter[str] = Counter()
 
     def wants(self, channel: Channel) -> bool:
@@ -45,25 +45,32 @@ class LogScan:
             return channel.topic == self._topic
         return kind in TRANSFORM_MESSAGES or kind in POSE_MESSAGES or kind in SATELLITE_MESSAGES
 
-    def take(self, message: RawMessage) -> None:
-        """Keep what a message of a wanted channel says; it may be read only later."""
-        channel = message.channel
-        # Found by identity first: comparing channels costs more than taking a message.
-        reader = self._latest.get(id(channel))
-        if reader is None or reader.channel is not channel:
-            reader = self._readers.get(channel)
-            if reader is None:
-                reader = self._readers[channel] = self._reader(channel)
-            self._latest[id(channel)] = reader
-        number = self._numbers[channel.topic]
-        self._numbers[channel.topic] += 1
-        if reader.add(number, message):
-            self._flush(reader)
+    def take(self, block: Block) -> None:
+        """Keep what the messages of wanted channels say."""
+        numbers = self._numbered(block)
+        for code in np.unique(block.codes).tolist():
+            channel = block.channels[code]
+            if not self.wants(channel):
+                continue
+            if channel not in self._readers:
+                self._readers[channel] = self._reader(channel)
+            rows = np.flatnonzero(block.codes == code)
+            self._read(self._readers[channel], block, rows, numbers[rows])
+
+    def _numbered(self, block: Block) -> IntArray:
+        """Which message of its topic each message is, from 0."""
+        topics = Names.of([channel.topic for channel in block.channels])
+        of_message = topics.codes[block.codes]
+        numbers = np.zeros(len(of_message), dtype=np.int64)
+        for code, topic in enumerate(topics.vocabulary):
+            rows = np.flatnonzero(of_message == code)
+            numbers[rows] = self._numbers[topic] + np.arange(len(rows))
+            self._numbers[topic] += len(rows)
+        return numbers
 
     def finish(self, findings: Findings) -> None:
-        """Read what is left, and write down what was lost and what was odd."""
+        """Write down what was lost and what was odd."""
         for reader in self._readers.values():
-            self._flush(reader)
             self._report(reader, findings)
         self.store.report(findings)
         self.poses.report(findings)
@@ -89,16 +96,17 @@ class LogScan:
         read = TRANSFORM_MESSAGES.get(kind) or POSE_MESSAGES[kind]
         return transform_reader(channel, read, self._options)
 
-    def _flush(self, reader: ChannelReader[Any, Any]) -> None:
-        flushed = reader.flush()
-        if flushed is None:
+    def _read(
+        self, reader: ChannelReader[Any, Any], block: Block, rows: IntArray, numbers: IntArray
+    ) -> None:
+        read = reader.read(block.payloads[rows])
+        if read is None:
             return
-        said, entries = flushed
+        said, kept = read
         topic, kind = reader.channel.topic, reader.channel.message_type
-        log_time_ns = np.array([m.log_time_ns for _, m in entries], dtype=np.int64)
+        log_time_ns = block.log_time_ns[rows[kept]]
         if kind in self._detections:
-            numbers = np.array([number for number, _ in entries], dtype=np.int64)
-            self.store.add(said, numbers, log_time_ns)
+            self.store.add(said, numbers[kept], log_time_ns)
         elif kind in SATELLITE_MESSAGES:
             for part, time_ns in zip(said, log_time_ns.tolist(), strict=True):
                 self.poses.add_satellite(topic, part, time_ns)

@@ -14,12 +14,14 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-from hbbatch.sources.base import Findings
+import numpy as np
+
+from hbbatch.sources.base import Findings, IntArray
+from hbbatch.sources.blocks import Block, BlockBuilder, gather
 from hbbatch.sources.channels import (
     LATEST_NS,
     Channel,
     Count,
-    RawMessage,
     Wanted,
     file_hash,
     starts_with,
@@ -35,14 +37,23 @@ from hbbatch.sources.mcap_records import (
     Content,
     Damage,
     DamagedRecordError,
+    Run,
     records,
-    split,
+    runs,
 )
 from hbbatch.sources.messages import normalise_type
 
 _FOOTER_SIZE: Final = 9 + 20
 _LARGEST_SUMMARY: Final = 2**28
-_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_MESSAGE_HEAD: Final = np.dtype(
+    [
+        ("channel_id", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time_ns", "<u8"),
+        ("publish_time_ns", "<u8"),
+    ]
+)
+_UNWANTED, _UNKNOWN = -1, -2
 _STATISTICS_HEAD: Final = struct.Struct("<QHI")
 
 
@@ -83,35 +94,30 @@ class McapLog:
             met[channel] = None
             return False
 
-        for _ in self.messages(remember, findings):
+        for _ in self.blocks(remember, findings):
             pass
         return list(met)
 
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+    def blocks(self, wanted: Wanted, findings: Findings) -> Iterator[Block]:
         """Messages of the wanted channels in file order, damaged places left out."""
-        damage, count, unknown = Damage(), Count(), 0
+        damage, count, builder = Damage(), Count(), BlockBuilder()
         with self.path.open("rb") as file:
             table = _summary(file)
             count.expected = table.declared
             table.announce(wanted)
-            for opcode, content in records(file, damage):
-                if opcode != MESSAGE:
-                    table.take(opcode, content, damage)
+            for run in runs(file, damage):
+                heads = table.take(run, damage)
+                count.read += heads.met
+                if not len(heads.codes):
                     continue
-                count.read += 1
-                if len(content) < _MESSAGE_HEAD.size:
-                    damage.add("a message without head")
-                    continue
-                channel_id, _, log_time_ns, _ = _MESSAGE_HEAD.unpack_from(content)
-                channel = table.wanted.get(channel_id)
-                if channel is not None:
-                    yield RawMessage(
-                        channel, min(log_time_ns, LATEST_NS), bytes(content[_MESSAGE_HEAD.size :])
-                    )
-                elif channel_id not in table.by_id:
-                    unknown += 1
-        if unknown:
-            findings.lost(f"{unknown} messages lost: the record that names their topic is missing")
+                if not builder.fits(len(run.data)):
+                    yield from builder.take(table.wanted)
+                builder.add(run.data, heads.starts, heads.ends, heads.codes, heads.log_time_ns)
+            yield from builder.take(table.wanted)
+        if table.unknown:
+            findings.lost(
+                f"{table.unknown} messages lost: the record that names their topic is missing"
+            )
         damage.report(findings)
         count.expected = table.declared
         count.report(findings)
@@ -150,14 +156,43 @@ class _Fields:
             raise DamagedRecordError("a text is not UTF-8") from error
 
 
+@dataclass(frozen=True)
+class _Heads:
+    """The m messages of wanted channels in a run.
+
+    Attributes:
+        met: messages of all channels in the run.
+        starts: `(m,)` where the bytes of each begin in the data of the run.
+        ends: `(m,)` where they end.
+        codes: `(m,)` index into the wanted channels of the table.
+        log_time_ns: `(m,)`.
+    """
+
+    met: int
+    starts: IntArray
+    ends: IntArray
+    codes: IntArray
+    log_time_ns: IntArray
+
+
 class _Table:
-    """Channels met so far; a channel without a schema has an empty type."""
+    """Channels met so far; a channel without a schema has an empty type.
+
+    Attributes:
+        by_id: all of them.
+        wanted: those that are wanted; it only grows, so that their numbers hold.
+        declared: messages that the file says it holds, None when it does not say.
+        unknown: messages met of channels that are not known.
+        complete: whether the summary named all channels.
+    """
 
     def __init__(self) -> None:
         self.by_id: dict[int, Channel] = {}
-        self.wanted: dict[int, Channel] = {}
+        self.wanted: list[Channel] = []
         self.declared: int | None = None
+        self.unknown = 0
         self.complete = False
+        self._codes = np.full(2**16, _UNKNOWN, dtype=np.int64)
         self._declared_channels = -1
         self._schemas: dict[int, tuple[str, str, bytes]] = {}
         self._unresolved: set[int] = set()
@@ -170,8 +205,27 @@ class _Table:
             if channel_id not in self._unresolved:
                 self._offer(channel_id, channel)
 
-    def take(self, opcode: int, content: Content, damage: Damage) -> None:
-        """Learn from a record that is no message."""
+    def take(self, run: Run, damage: Damage) -> _Heads:
+        """Learn from the records that are no messages, and find the wanted of those that are."""
+        is_message = run.opcodes == MESSAGE
+        for opcode, content in run.contents(np.flatnonzero(~is_message)):
+            self._learn(opcode, content, damage)
+        starts, ends = run.starts[is_message], run.ends[is_message]
+        met = len(starts)
+        long_enough = ends - starts >= _MESSAGE_HEAD.itemsize
+        if not long_enough.all():
+            for _ in range(int((~long_enough).sum())):
+                damage.add("a message without head")
+            starts, ends = starts[long_enough], ends[long_enough]
+        heads = gather(run.data, starts, _MESSAGE_HEAD)
+        codes = self._codes[heads["channel_id"]]
+        self.unknown += int((codes == _UNKNOWN).sum())
+        rows = np.flatnonzero(codes >= 0)
+        log_time_ns = np.minimum(heads["log_time_ns"][rows], LATEST_NS).astype(np.int64)
+        first = starts[rows] + _MESSAGE_HEAD.itemsize
+        return _Heads(met, first, ends[rows], codes[rows], log_time_ns)
+
+    def _learn(self, opcode: int, content: Content, damage: Damage) -> None:
         try:
             if opcode == SCHEMA:
                 self._take_schema(_Fields(content))
@@ -204,32 +258,31 @@ class _Table:
         self._offer(channel_id, channel)
 
     def _offer(self, channel_id: int, channel: Channel) -> None:
-        self.wanted.pop(channel_id, None)
+        self._codes[channel_id] = _UNWANTED
         if self._wants(channel):
-            self.wanted[channel_id] = channel
+            self._codes[channel_id] = len(self.wanted)
+            self.wanted.append(channel)
 
 
 def _summary(file: BufferedReader) -> _Table:
     """Channels and declared count of the summary; an empty table when there is none."""
     table = _Table()
-    for opcode, content in _summary_records(file):
-        table.take(opcode, content, Damage())
-    table.close()
+    run = _summary_run(file)
+    if run is not None and run.whole:
+        table.take(run, Damage())
+        table.close()
     return table
 
 
-def _summary_records(file: BufferedReader) -> list[tuple[int, Content]]:
+def _summary_run(file: BufferedReader) -> Run | None:
     end = file.seek(0, 2) - len(MAGIC) - _FOOTER_SIZE
     if end < len(MAGIC):
-        return []
+        return None
     file.seek(end)
     tail = file.read(_FOOTER_SIZE + len(MAGIC))
     (start,) = struct.unpack_from("<Q", tail, 9)
     whole = tail[0] == FOOTER and tail.endswith(MAGIC)
     if not whole or not len(MAGIC) <= start < end or end - start > _LARGEST_SUMMARY:
-        return []
+        return None
     file.seek(start)
-    try:
-        return list(split(file.read(end - start)))
-    except DamagedRecordError:
-        return []
+    return Run.of(file.read(end - start))

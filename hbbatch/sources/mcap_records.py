@@ -16,9 +16,11 @@ from io import BufferedReader
 from typing import Final
 
 import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 import zstandard
+from numpy.typing import NDArray
 
-from hbbatch.sources.base import Findings
+from hbbatch.sources.base import Findings, IntArray
 
 Content = bytes | memoryview
 
@@ -27,9 +29,11 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 ATTACHMENT, STATISTICS, DATA_END = 9, 11, 15
 
 _FRAME: Final = struct.Struct("<BQ")
+_LENGTH: Final = struct.Struct("<Q")
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
 _KEPT: Final = {HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS}
 _LARGEST_CHUNK: Final = 2**30
+_LARGEST_RUN: Final = 2**20
 _PIECE: Final = 2**20
 _SEARCH_STEP: Final = 2**24
 _MOST_CANDIDATES: Final = 200_000
@@ -71,21 +75,71 @@ class Damage:
         findings.lost(f"{self.first}{more}{lost}")
 
 
-def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content]]:
-    """Opcode and content of the records of a file, those of chunks in the place of the chunk.
+@dataclass(frozen=True)
+class Run:
+    """n records that lie one after the other.
+
+    Attributes:
+        data: holds them.
+        opcodes: `(n,)`.
+        starts: `(n,)` where the content of each begins in the data.
+        ends: `(n,)` where it ends.
+        whole: false when a record behind them reaches beyond the end of the data.
+    """
+
+    data: Content
+    opcodes: NDArray[np.uint8]
+    starts: IntArray
+    ends: IntArray
+    whole: bool
+
+    @classmethod
+    def of(cls, data: Content) -> Run:
+        """The whole records from the beginning of the data on."""
+        places: list[int] = []
+        position, last = 0, len(data) - _FRAME.size
+        length_at = _LENGTH.unpack_from
+        # All that is done for each record by itself, since each says where the next one is.
+        while position <= last:
+            places.append(position)
+            position += _FRAME.size + length_at(data, position + 1)[0]
+        whole = position <= len(data)
+        places.append(position)
+        bounds = np.array(places if whole else places[:-1], dtype=np.int64)
+        letters = np.ndarray((len(data),), np.uint8, data)
+        return cls(data, letters[bounds[:-1]], bounds[:-1] + _FRAME.size, bounds[1:], whole)
+
+    def contents(self, rows: IntArray) -> Iterator[tuple[int, Content]]:
+        """Opcode and content of some of the records."""
+        view = memoryview(self.data)
+        for row in rows.tolist():
+            yield int(self.opcodes[row]), view[self.starts[row] : self.ends[row]]
+
+
+def runs(file: BufferedReader, damage: Damage) -> Iterator[Run]:
+    """All records of a file in runs; those of a chunk are a run in its place.
 
     Reading stops behind the footer. Attachments and indexes are passed over.
     """
-    for opcode, content in _top_level(file, damage):
+    waiting = bytearray()
+    for opcode, content in records(file, damage):
+        if waiting and (opcode == CHUNK or len(waiting) + len(content) > _LARGEST_RUN):
+            yield Run.of(bytes(waiting))
+            waiting = bytearray()
         if opcode == CHUNK:
             yield from _of_chunk(content, file.tell(), damage)
         elif opcode == MESSAGE_INDEX:
             damage.messages += _indexed_messages(content) if damage.after_chunk else 0
         else:
-            yield opcode, content
+            waiting += _FRAME.pack(opcode, len(content)) + content
+    if waiting:
+        yield Run.of(bytes(waiting))
 
 
-def _top_level(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content]]:
+def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content]]:
+    """Opcode and content of the records of a file, chunks as they are; of a chunk that the file
+    breaks off in, the records that can be unpacked.
+    """
     size = file.seek(0, 2)
     file.seek(len(MAGIC))
     checksum = zlib.crc32(MAGIC)
@@ -175,38 +229,20 @@ def _chained(file: BufferedReader, position: int, size: int) -> bool:
     return True
 
 
-def _of_chunk(content: Content, end: int, damage: Damage) -> Iterator[tuple[int, Content]]:
+def _of_chunk(content: Content, end: int, damage: Damage) -> Iterator[Run]:
     try:
-        data = _unpacked(content)
+        run = Run.of(_unpacked(content))
     except DamagedRecordError as error:
         damage.add(f"damaged chunk before byte {end} ({error})")
         damage.after_chunk = True
         return
     damage.after_chunk = False
-    try:
-        yield from split(memoryview(data))
-    except DamagedRecordError as error:
-        damage.add(f"damaged chunk before byte {end} ({error})")
+    yield run
+    if not run.whole:
+        damage.add(f"damaged chunk before byte {end} (a record reaches beyond its end)")
 
 
-def split(data: Content) -> Iterator[tuple[int, Content]]:
-    """Records that lie one after the other.
-
-    Raises:
-        DamagedRecordError: behind the last whole one.
-    """
-    position, size, head = 0, len(data), _FRAME.size
-    unpack = _FRAME.unpack_from
-    while position + head <= size:
-        opcode, length = unpack(data, position)
-        start = position + head
-        position = start + length
-        if position > size:
-            raise DamagedRecordError("a record reaches beyond its end")
-        yield opcode, data[start:position]
-
-
-def _unpacked(content: Content) -> bytes:
+def _unpacked(content: Content) -> Content:
     """Records of a chunk, checked."""
     size, checksum, compression, packed = _chunk_head(content)
     try:
@@ -231,12 +267,12 @@ def _chunk_head(content: Content) -> tuple[int, int, str, Content]:
         raise DamagedRecordError("its head cannot be read") from error
     if size > _LARGEST_CHUNK:
         raise DamagedRecordError(f"it claims {size} bytes")
-    return size, checksum, compression, content[start + 8 : start + 8 + length]
+    return size, checksum, compression, memoryview(content)[start + 8 : start + 8 + length]
 
 
-def _decompress(compression: str, packed: Content, size: int) -> bytes:
+def _decompress(compression: str, packed: Content, size: int) -> Content:
     if not compression or not size:
-        return bytes(packed)
+        return packed
     if compression == "zstd":
         declared = zstandard.frame_content_size(packed)
         if declared > size:
@@ -252,12 +288,13 @@ def _start_of_chunk(content: Content, damage: Damage) -> Iterator[tuple[int, Con
     """Whole records of a chunk whose end is not there; its checksum cannot be checked."""
     try:
         size, _, compression, packed = _chunk_head(content)
-        yield from split(memoryview(_decompress_start(compression, packed, size)))
+        run = Run.of(_decompress_start(compression, packed, size))
+        yield from run.contents(np.arange(len(run.opcodes)))
     except (DamagedRecordError, RuntimeError, zstandard.ZstdError, ValueError, EOFError):
         damage.after_chunk = False
 
 
-def _decompress_start(compression: str, packed: Content, size: int) -> bytes:
+def _decompress_start(compression: str, packed: Content, size: int) -> Content:
     if compression == "zstd":
         return zstandard.ZstdDecompressor().decompressobj().decompress(packed)[:size]
     return _decompress(compression, packed, size)

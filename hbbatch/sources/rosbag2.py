@@ -7,7 +7,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +15,8 @@ import yaml
 import zstandard
 
 from hbbatch.sources.base import Findings
-from hbbatch.sources.channels import Channel, Count, MessageLog, RawMessage, Wanted, file_hash
+from hbbatch.sources.blocks import Block, MessageLog, Payloads
+from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, file_hash
 from hbbatch.sources.mcap import McapLog, is_mcap_file
 from hbbatch.sources.sqlite import Db3Log, is_db3_file
 
@@ -66,11 +67,11 @@ class PackedLog:
         with self._unpacked(findings) as log:
             return log.channels(findings) if log else ()
 
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+    def blocks(self, wanted: Wanted, findings: Findings) -> Iterator[Block]:
         """Messages of the file inside."""
         with self._unpacked(findings) as log:
             if log:
-                yield from log.messages(wanted, findings)
+                yield from log.blocks(wanted, findings)
 
     def fingerprint(self) -> str:
         """Hash of all bytes of the packed file."""
@@ -133,14 +134,14 @@ class Rosbag2Log:
         met = {c: None for log in self._logs(findings) for c in log.channels(findings)}
         return list(met)
 
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+    def blocks(self, wanted: Wanted, findings: Findings) -> Iterator[Block]:
         """Messages of all files, one file after the other."""
         metadata = _metadata(self.path, findings)
         unpack = str(metadata.get("compression_mode")).upper() == "MESSAGE"
         for log in self._logs(findings):
             met = Findings()
-            for message in log.messages(wanted, met):
-                yield _unpacked_message(message, met) if unpack else message
+            for block in log.blocks(wanted, met):
+                yield _unpacked_block(block, met) if unpack else block
             findings.adopt(met, log.path.name)
         declared = metadata.get("message_count")
         if isinstance(declared, int):
@@ -205,6 +206,12 @@ def _compare_names(metadata: dict[str, Any], files: Sequence[Path], findings: Fi
     for path in files:
         if names and not {path.name, unpacked_name(path)} & names:
             findings.note(f"{path.name} is not listed in {_METADATA}; read all the same")
+
+
+def _unpacked_block(block: Block, findings: Findings) -> Block:
+    messages = [_unpacked_message(message, findings) for message in block.messages()]
+    payloads = Payloads.of([message.data for message in messages])
+    return replace(block, payloads=payloads)
 
 
 def _unpacked_message(message: RawMessage, findings: Findings) -> RawMessage:

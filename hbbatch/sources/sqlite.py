@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hbbatch.sources.base import Findings
+from hbbatch.sources.blocks import Block, in_blocks
 from hbbatch.sources.channels import (
     LATEST_NS,
     Channel,
@@ -54,7 +55,11 @@ class Db3Log:
         with closing(self._open()) as database:
             return list(_channels(database, findings).values())
 
-    def messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
+    def blocks(self, wanted: Wanted, findings: Findings) -> Iterator[Block]:
+        """Messages of the wanted channels, in blocks."""
+        return in_blocks(self._messages(wanted, findings))
+
+    def _messages(self, wanted: Wanted, findings: Findings) -> Iterator[RawMessage]:
         """Messages of the wanted topics in the order they were written."""
         with closing(self._open()) as database:
             channels = _channels(database, findings)

@@ -12,6 +12,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
+from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
 from hbbatch.sources.cdr_walk import CdrWalk, WalkRefusedError
 from hbbatch.sources.columns import DetectionColumns, from_messages, from_samples
@@ -87,7 +88,7 @@ def test_random_detections(release: str, kind: str, data: st.DataObject) -> None
     walk = DETECTION_WALKS[kind](types, kind)
     read = DETECTION_MESSAGES[kind]
     messages = [read(types.deserialize_cdr(content, kind)) for content in batch]
-    walked = walk(batch)
+    walked = walk(Payloads.of(batch))
     same(walked, from_messages(messages))
 
 
@@ -97,7 +98,7 @@ def test_random_detections(release: str, kind: str, data: st.DataObject) -> None
 def test_random_transforms(kind: str, data: st.DataObject) -> None:
     types = STORES["humble"]
     batch = data.draw(batches(types, kind))
-    walked = TRANSFORM_WALKS[kind](types, kind)(batch)
+    walked = TRANSFORM_WALKS[kind](types, kind)(Payloads.of(batch))
     several = TRANSFORM_MESSAGES.get(kind) or POSE_MESSAGES[kind]
     read = from_samples([list(several(types.deserialize_cdr(c, kind))) for c in batch])
     np.testing.assert_array_equal(walked.counts, read.counts)
@@ -118,7 +119,7 @@ def test_damaged_messages_are_refused_or_read_as_the_general_reader_does(
     content[int(place * (len(content) - 1))] = value
     batch[-1] = bytes(content[: len(content) - cut])
     try:
-        walked = DETECTION_WALKS[kind](types, kind)(batch)
+        walked = DETECTION_WALKS[kind](types, kind)(Payloads.of(batch))
     except WalkRefusedError:
         return
     assert len(walked.stamp_ns) == len(batch)

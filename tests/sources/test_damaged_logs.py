@@ -80,7 +80,8 @@ def read(path: Path) -> tuple[list[RawMessage], Findings]:
     [source] = open_sources(path, SourceOptions())
     assert isinstance(source, LogSource)
     findings = Findings()
-    return list(source.log.messages(lambda _: True, findings)), findings
+    blocks = source.log.blocks(lambda _: True, findings)
+    return [message for block in blocks for message in block.messages()], findings
 
 
 @settings(
