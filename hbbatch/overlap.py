@@ -19,6 +19,13 @@ would be counted twice, or not at all."""
 
 _TINY: Final = 1e-300
 
+_EDGE_TURNS: Final = np.array([[[0, 2], [0, 1]], [[1, 0], [2, 0]]])
+"""`(axis, rectangle, along or across)`: which of cosine, sine and minus sine of the turn half a
+side has along an axis of the other rectangle."""
+
+_AROUND: Final = np.array([[[-1.0], [1.0]], [[1.0], [-1.0]]])
+"""`(along or across, side, 1)`: which way the boundary runs along the edges of a rectangle."""
+
 
 def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
     """Area shared by the footprints of boxes, pair by pair.
@@ -31,7 +38,8 @@ def footprint_intersection(first: FloatArray, second: FloatArray) -> FloatArray:
         `(n,)` m².
     """
     sides = slice(LENGTH, WIDTH + 1)
-    return rectangle_intersection(relative_pose(first, second), first.T[sides], second.T[sides])
+    half_first, half_second = 0.5 * first.T[sides], 0.5 * second.T[sides]
+    return rectangle_intersection(relative_pose(first, second), half_first, half_second)
 
 
 def relative_pose(first: FloatArray, second: FloatArray) -> FloatArray:
@@ -50,7 +58,7 @@ def relative_pose(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def rectangle_intersection(
-    pose: FloatArray, first_sides: FloatArray, second_sides: FloatArray
+    pose: FloatArray, first_half: FloatArray, second_half: FloatArray
 ) -> FloatArray:
     """Area shared by rectangles, pair by pair.
 
@@ -59,21 +67,27 @@ def rectangle_intersection(
 
     Args:
         pose: `(4, n)` of the first in the frame of the second, from `relative_pose`.
-        first_sides: `(2, n)` length and width.
-        second_sides: `(2, n)`.
+        first_half: `(2, n)` half of length and width.
+        second_half: `(2, n)`.
     """
-    half = np.empty((2, *first_sides.shape))
-    np.multiply(first_sides, 0.5 * _GROWTH, out=half[0])
-    np.multiply(second_sides, 0.5, out=half[1])
-    edge = _half_edges(half, pose[2], pose[3])
-    middle = _edge_middles(_mutual_centres(pose), edge)
+    half = np.empty((2, *first_half.shape))
+    np.multiply(first_half, _GROWTH, out=half[0])
+    half[1] = second_half
+    turn = np.empty((3, pose.shape[1]))
+    turn[:2] = pose[2:]
+    np.negative(pose[3], out=turn[2])
+    edge = turn.take(_EDGE_TURNS, axis=0)
+    edge *= half
+    middle = _edge_middles(_mutual_centres(pose[:2], turn), edge)
     inside = _length_inside(middle, edge, half[::-1].swapaxes(0, 1))
-    cross = middle[0, 0] * edge[1, 0, :, None] - middle[1, 0] * edge[0, 0, :, None]
-    cross *= inside[0]
-    area = cross[0, 1] - cross[0, 0] + cross[1, 0] - cross[1, 1]
-    area += inside[1].sum(axis=(0, 1)) * (half[1, 0] * half[1, 1])
-    shared: FloatArray = np.maximum(0.5 * area, 0.0)
-    return shared
+    cross = middle[0, 0] * edge[1, 0, :, None]
+    cross -= middle[1, 0] * edge[0, 0, :, None]
+    cross *= _AROUND
+    area: FloatArray = np.einsum("asn,asn->n", cross, inside[0])
+    area += np.einsum("asn->n", inside[1]) * (second_half[0] * second_half[1])
+    area *= 0.5
+    np.maximum(area, 0.0, out=area)
+    return area
 
 
 def iou_bev(first: FloatArray, second: FloatArray) -> FloatArray:
@@ -106,26 +120,14 @@ def shared_height(first: FloatArray, second: FloatArray) -> FloatArray:
     return height
 
 
-def _half_edges(half: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
-    """`(axis, rectangle, along or across, n)` half sides, each in the frame of the other one."""
-    edge = np.empty((2, *half.shape))
-    np.multiply(half[:, 0], cos, out=edge[0, :, 0])
-    np.multiply(half[:, 1], cos, out=edge[1, :, 1])
-    np.multiply(half[0, 0], sin, out=edge[1, 0, 0])
-    np.multiply(half[1, 1], sin, out=edge[0, 1, 1])
-    np.multiply(half[1, 0], -sin, out=edge[1, 1, 0])
-    np.multiply(half[0, 1], -sin, out=edge[0, 0, 1])
-    return edge
-
-
-def _mutual_centres(pose: FloatArray) -> FloatArray:
+def _mutual_centres(centre: FloatArray, turn: FloatArray) -> FloatArray:
     """`(axis, rectangle, n)` centre of each rectangle in the frame of the other one."""
-    x, y, cos, sin = pose
-    centre = np.empty((2, 2, len(x)))
-    centre[:, 0] = pose[:2]
-    centre[0, 1] = -cos * x - sin * y
-    centre[1, 1] = sin * x - cos * y
-    return centre
+    centres = np.empty((2, 2, centre.shape[1]))
+    centres[:, 0] = centre
+    back = centre * turn[0]
+    back += centre[::-1] * turn[1:]
+    np.negative(back, out=centres[:, 1])
+    return centres
 
 
 def _edge_middles(centre: FloatArray, edge: FloatArray) -> FloatArray:
@@ -143,10 +145,15 @@ def _length_inside(middle: FloatArray, edge: FloatArray, limit: FloatArray) -> F
     the upright rectangle that cuts it.
     """
     # Adding next to nothing changes an edge only where it is zero.
-    inverse = 1.0 / (edge + _TINY)
+    inverse = np.reciprocal(edge + _TINY)
     crossing = middle * inverse[:, :, :, None]
-    reach = (limit[:, :, None] * np.abs(inverse))[:, :, :, None]
+    np.abs(inverse, out=inverse)
+    inverse *= limit[:, :, None]
+    reach = inverse[:, :, :, None]
     leave = np.minimum(*(crossing + reach))
-    enter = np.maximum(*(crossing - reach))
-    length: FloatArray = np.minimum(leave, 1.0) - np.maximum(enter, -1.0)
-    return np.maximum(length, 0.0)
+    crossing -= reach
+    enter = np.maximum(*crossing)
+    np.minimum(leave, 1.0, out=leave)
+    leave -= np.maximum(enter, -1.0, out=enter)
+    length: FloatArray = np.maximum(leave, 0.0, out=leave)
+    return length

@@ -1,4 +1,4 @@
-"""Which detection belongs to which track: candidate pairs, costs, greedy one-stage matching.
+"""Which detection belongs to which track: candidate pairs and greedy one-stage matching.
 
 All sequences of a lock step are matched in one pass: a pair is a candidate only if both sides lie
 in the same block (sequence and class), so results do not depend on who shares the step.
@@ -6,18 +6,16 @@ in the same block (sequence and class), so results do not depend on who shares t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, FloatArray, X, Z
-from hbbatch.config import AssociationSettings, CostName
-from hbbatch.overlap import rectangle_intersection, relative_pose, volume
+from hbbatch.boxes import FloatArray, X
+from hbbatch.config import AssociationSettings
+from hbbatch.tracking.costs import COSTS, PLAN, reach_m, shapes_of
 
 IntArray = NDArray[np.int64]
-CostFunction = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 class Pairs(NamedTuple):
@@ -40,14 +38,14 @@ class Targets(NamedTuple):
     """Detections laid out for matching: block after block, sorted by x within a block.
 
     Attributes:
-        boxes: `(m, 7)` in the order of the caller.
-        reach_m: `(m,)` see `_reach`.
-        order: `(m,)` row of the boxes at each place of the layout.
+        shapes: `(SHAPE_ROWS, m)` see `costs.shapes_of`.
+        reach_m: `(m,)` see `costs.reach_m`.
+        order: `(m,)` number that the caller gave to the detection at each place.
         key: `(m,)` position along the layout, ascending: blocks side by side along x.
         low_m, high_m: range of x in which boxes lie.
     """
 
-    boxes: FloatArray
+    shapes: FloatArray
     reach_m: FloatArray
     order: IntArray
     key: FloatArray
@@ -55,13 +53,15 @@ class Targets(NamedTuple):
     high_m: float
 
     def batch(self, start: int, stop: int) -> Targets:
-        """One of the batches that `lay_out` kept apart, rows counting from 0 again."""
+        """One of the batches that `lay_out` kept apart."""
         rows = slice(start, stop)
-        return self._replace(
-            boxes=self.boxes[rows],
-            reach_m=self.reach_m[rows],
-            order=self.order[rows] - start,
-            key=self.key[rows],
+        return Targets(
+            self.shapes[:, rows],
+            self.reach_m[rows],
+            self.order[rows],
+            self.key[rows],
+            self.low_m,
+            self.high_m,
         )
 
 
@@ -82,15 +82,16 @@ def lay_out(
     x = detections[:, X]
     keys = (x, block) if batch is None else (x, block, batch)
     order = np.lexsort(keys)
-    low, high = x.min(initial=0.0), x.max(initial=0.0)
-    key = _key(x[order], block[order], low, high)
-    reach = _reach(detections, settings.cost, settings.threshold)
-    return Targets(detections, reach, order, key, float(low), float(high))
+    low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
+    shapes = shapes_of(detections[order])
+    reach = reach_m(shapes, settings.cost, settings.threshold)
+    return Targets(shapes, reach, order, _key(x[order], block[order], low, high), low, high)
 
 
 def _key(x: FloatArray, block: IntArray, low_m: float, high_m: float) -> FloatArray:
     """Position in the layout; x beyond the range stays within a metre of its own block."""
-    inside = np.minimum(np.maximum(x, low_m - 1.0), high_m + 1.0)
+    inside = np.maximum(x, low_m - 1.0)
+    np.minimum(inside, high_m + 1.0, out=inside)
     inside += block * (high_m - low_m + 3.0)
     return inside
 
@@ -112,7 +113,7 @@ def associate(
         settings: cost and threshold.
 
     Returns:
-        Matched pairs, at most one a track and one a detection.
+        Matched pairs, at most one a track and one a detection, the cheapest first.
     """
     return match(priors, track_block, lay_out(detections, detection_block, settings), settings)
 
@@ -121,31 +122,35 @@ def match(
     priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
 ) -> Pairs:
     """`associate` with the detections laid out already."""
-    threshold = settings.threshold
-    reach = _reach(priors, settings.cost, threshold)
-    pairs = candidates(priors, track_block, reach, targets)
+    shapes = shapes_of(priors)
+    reach = reach_m(shapes, settings.cost, settings.threshold)
+    pairs = candidates(shapes[PLAN], track_block, reach, targets)
     costs = COSTS[settings.cost](
-        _gather(priors, pairs.track), _gather(targets.boxes, pairs.detection)
+        shapes.take(pairs.track, axis=1), targets.shapes.take(pairs.detection, axis=1)
     )
-    affordable = np.flatnonzero(costs < threshold)
-    order = affordable[np.argsort(costs[affordable], kind="stable")]
-    return greedy(pairs.take(order))
-
-
-def _gather(boxes: FloatArray, rows: IntArray) -> FloatArray:
-    """Rows of boxes, stored column by column: costs are computed on columns."""
-    return np.ascontiguousarray(boxes.take(rows, axis=0).T).T
+    affordable = np.count_nonzero(costs < settings.threshold)
+    found = greedy(pairs.take(costs.argsort(kind="stable")[:affordable]))
+    return Pairs(found.track, targets.order[found.detection])
 
 
 def candidates(
-    priors: FloatArray, track_block: IntArray, track_reach_m: FloatArray, targets: Targets
+    plan_m: FloatArray, track_block: IntArray, track_reach_m: FloatArray, targets: Targets
 ) -> Pairs:
     """Pairs of equal block whose centres are closer than the sum of their reaches.
 
     A sweep along x: every track looks up the strip it can reach among the sorted detections, so
     the work grows with neighbours and not with tracks × detections.
+
+    Args:
+        plan_m: `(2, n)` x and y of the tracks.
+        track_block: `(n,)`.
+        track_reach_m: `(n,)`.
+        targets: the detections.
+
+    Returns:
+        Tracks by row, detections by place in the layout.
     """
-    x = priors[:, X]
+    x = plan_m[0]
     bounds = np.empty((2, len(x)))
     strip = track_reach_m + targets.reach_m.max(initial=0.0)
     np.subtract(x, strip, out=bounds[0])
@@ -153,165 +158,30 @@ def candidates(
     first, end = targets.key.searchsorted(_key(bounds, track_block, targets.low_m, targets.high_m))
     count = end - first
     track = np.arange(len(x)).repeat(count)
+    first -= count.cumsum() - count
     place = np.arange(len(track))
-    place += (first - (count.cumsum() - count))[track]
-    detection = targets.order[place]
-    apart = priors[:, :2].take(track, axis=0) - targets.boxes[:, :2].take(detection, axis=0)
-    limit = track_reach_m[track] + targets.reach_m[detection]
-    near = np.flatnonzero(np.einsum("ij,ij->i", apart, apart) < limit * limit)
-    return Pairs(track[near], detection[near])
+    place += first[track]
+    apart = plan_m.take(track, axis=1)
+    apart -= targets.shapes[PLAN].take(place, axis=1)
+    apart *= apart
+    limit = track_reach_m[track]
+    limit += targets.reach_m[place]
+    limit *= limit
+    near = np.flatnonzero(apart[0] + apart[1] < limit)
+    return Pairs(track[near], place[near])
 
 
 def greedy(pairs: Pairs) -> Pairs:
     """Greedy matching of pairs sorted by cost: the cheapest free pair is taken, again and again.
 
-    Most pairs have no rival and are taken at once. The others are walked one by one: they are few
-    a track, and rounds of array operations to find independent ones would cost more.
+    Walked one by one: candidates are few a track, and array operations to find those without
+    rivals would cost more.
     """
-    if not len(pairs.track):
-        return pairs
-    tracks, detections = np.bincount(pairs.track), np.bincount(pairs.detection)
-    taken = (tracks[pairs.track] == 1) & (detections[pairs.detection] == 1)
-    rivals = np.flatnonzero(~taken)
-    track_free, detection_free = bytearray(b"\1") * len(tracks), bytearray(b"\1") * len(detections)
-    contested = pairs.take(rivals)
-    walk = (rivals.tolist(), contested.track.tolist(), contested.detection.tolist())
-    for number, track, detection in zip(*walk, strict=True):
-        if track_free[track] and detection_free[detection]:
-            track_free[track] = detection_free[detection] = 0
-            taken[number] = True
-    return pairs.take(np.flatnonzero(taken))
-
-
-def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """1 − CIoU of rotated volumes (Zheng et al. 2021), pair by pair.
-
-    The enclosing box is upright in the prior's heading frame, so the cost does not depend on how
-    the world's axes lie.
-    """
-    around = _around(priors, detections)
-    meet = np.flatnonzero(around.overlap.min(axis=0) > 0.0)
-    shared = _shared_footprint(priors, detections, around.pose, meet) * around.overlap[2]
-    iou = shared / (volume(priors) + volume(detections) - shared)
-    return _ciou_cost(iou, around.spread(3), priors, detections)
-
-
-def ciou_2d(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """1 − CIoU of rotated footprints, pair by pair."""
-    around = _around(priors, detections)
-    meet = np.flatnonzero(around.overlap[:2].min(axis=0) > 0.0)
-    shared = _shared_footprint(priors, detections, around.pose, meet)
-    area = priors[:, LENGTH] * priors[:, WIDTH] + detections[:, LENGTH] * detections[:, WIDTH]
-    return _ciou_cost(shared / (area - shared), around.spread(2), priors, detections)
-
-
-class _Around(NamedTuple):
-    """Boxes around a detection, upright in the heading frame of the prior, pair by pair.
-
-    Attributes:
-        pose: `(4, n)` of the detection seen from the prior.
-        distance: `(3, n)` of the centres along, across and up.
-        span: `(3, n)` extents of the box around both.
-        overlap: `(3, n)` how far the box around the detection reaches into the prior; where one
-            is not positive the two share nothing.
-    """
-
-    pose: FloatArray
-    distance: FloatArray
-    span: FloatArray
-    overlap: FloatArray
-
-    def spread(self, axes: int) -> FloatArray:
-        """Squared distance of the centres over the squared diagonal of the box around both."""
-        distance, span = self.distance[:axes], self.span[:axes]
-        spread: FloatArray = np.einsum("ij,ij->j", distance, distance)
-        spread /= np.einsum("ij,ij->j", span, span)
-        return spread
-
-
-def _around(priors: FloatArray, detections: FloatArray) -> _Around:
-    pose = relative_pose(detections, priors)
-    distance, extent = np.empty((2, 3, len(priors)))
-    np.abs(pose[:2], out=distance[:2])
-    np.abs(detections[:, Z] - priors[:, Z], out=distance[2])
-    cos, sin = np.abs(pose[2:])
-    size = priors.T[LENGTH : HEIGHT + 1]
-    length, width, extent[2] = detections.T[LENGTH : HEIGHT + 1]
-    extent[0] = cos * length + sin * width
-    extent[1] = sin * length + cos * width
-    reach = 0.5 * (size + extent)
-    return _Around(
-        pose,
-        distance,
-        np.maximum(reach + distance, np.maximum(size, extent)),
-        np.minimum(reach - distance, np.minimum(size, extent)),
-    )
-
-
-def _shared_footprint(
-    priors: FloatArray, detections: FloatArray, pose: FloatArray, meet: IntArray
-) -> FloatArray:
-    """Footprint intersection, computed only where boxes may meet."""
-    shared = np.zeros(len(priors))
-    sides = slice(LENGTH, WIDTH + 1)
-    shared[meet] = rectangle_intersection(
-        pose.take(meet, axis=1),
-        detections.T[sides].take(meet, axis=1),
-        priors.T[sides].take(meet, axis=1),
-    )
-    return shared
-
-
-def l2(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """Distance of centres in metres, pair by pair."""
-    distance: FloatArray = np.linalg.norm(priors[:, :3] - detections[:, :3], axis=1)
-    return distance
-
-
-def l2_size(priors: FloatArray, detections: FloatArray) -> FloatArray:
-    """Distance of centres plus distance of sizes in metres, pair by pair."""
-    size = priors[:, LENGTH : HEIGHT + 1] - detections[:, LENGTH : HEIGHT + 1]
-    cost: FloatArray = l2(priors, detections) + np.linalg.norm(size, axis=1)
-    return cost
-
-
-COSTS: Final[dict[CostName, CostFunction]] = {
-    "ciou_3d": ciou_3d,
-    "ciou_2d": ciou_2d,
-    "l2": l2,
-    "l2_size": l2_size,
-}
-
-
-def _ciou_cost(
-    iou: FloatArray, spread: FloatArray, priors: FloatArray, detections: FloatArray
-) -> FloatArray:
-    """1 − (IoU − spread − β·v), v the aspect term and spread the squared distance ratio."""
-    length, width = priors[:, LENGTH], priors[:, WIDTH]
-    other_length, other_width = detections[:, LENGTH], detections[:, WIDTH]
-    # The difference of the two aspect angles arctan(length / width), in one go.
-    aspect = np.arctan2(
-        length * other_width - other_length * width, width * other_width + length * other_length
-    )
-    v = (4.0 / np.pi**2) * aspect * aspect
-    rest = 1.0 - iou
-    cost: FloatArray = rest + spread + v * v / np.maximum(rest + v, 1e-12)
-    return cost
-
-
-def _reach(boxes: FloatArray, cost: CostName, threshold: float) -> FloatArray:
-    """Radii such that no pair further apart than their sum can cost less than the threshold.
-
-    Distance costs: the threshold itself. CIoU: a pair cheaper than τ has d² < (IoU + τ − 1)·c²;
-    with IoU > 0 the circumscribed circles meet, with IoU = 0 the enclosing diagonal is at most
-    d + r₁ + √2·r₂, which bounds d.
-    """
-    if cost in ("l2", "l2_size"):
-        return np.full(len(boxes), 0.5 * threshold)
-    ratio = min(np.sqrt(max(threshold - 1.0, 0.0)), 0.9)
-    stretch = max(1.0, np.sqrt(2.0) * ratio / (1.0 - ratio))
-    length, width, height = boxes[:, LENGTH], boxes[:, WIDTH], boxes[:, HEIGHT]
-    radius: FloatArray = (0.5 * stretch) * np.sqrt(
-        length * length + width * width + height * height
-    )
-    return radius
+    tracks, detections, taken = set(), set(), []
+    walk = zip(pairs.track.tolist(), pairs.detection.tolist(), strict=True)
+    for number, (track, detection) in enumerate(walk):
+        if track not in tracks and detection not in detections:
+            tracks.add(track)
+            detections.add(detection)
+            taken.append(number)
+    return pairs.take(np.array(taken, np.int64))

@@ -100,7 +100,7 @@ class LockStep:
         targets = self._targets.batch(start, stop)
         found = match(priors, self._rows.block, targets, self._settings.association)
         order = np.argsort(found.track)
-        return Pairs(found.track[order], found.detection[order] + start)
+        return found.take(order)
 
     def _settle(self, pairs: Pairs) -> tuple[IntArray, int]:
         """Count hits and misses; matched rows go to the front, those that die now to the end.

@@ -16,7 +16,7 @@ from torch import Tensor
 from hbbatch.boxes import FloatArray
 from hbbatch.config import TrackSettings
 from hbbatch.model.filters import Measurement, MotionFilter
-from hbbatch.tracking.association import COSTS
+from hbbatch.tracking.costs import COSTS, shapes_of
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.schedule import intervals
 
@@ -71,7 +71,8 @@ def _matches(
         return matched
     priors = np.concatenate([track.boxes.numpy() for track in live])
     first, second = (index.ravel() for index in np.indices((len(live), len(detections))))
-    cost = COSTS[settings.association.cost](priors[first], detections[second])
+    shapes = shapes_of(priors[first]), shapes_of(detections[second])
+    cost = COSTS[settings.association.cost](*shapes)
     cost = cost.reshape(len(live), len(detections))
     cost[np.array([track.kind for track in live])[:, None] != kinds] = np.inf
     while cost.min() < settings.association.threshold:

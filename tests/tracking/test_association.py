@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import COSTS, Pairs, associate, candidates, greedy, lay_out, match
+from hbbatch.tracking.association import Pairs, associate, candidates, greedy, lay_out, match
+from hbbatch.tracking.costs import COSTS, shapes_of
 
 COST_NAMES = sorted(COSTS)
 
@@ -21,6 +22,10 @@ def boxes_around(rng: np.random.Generator, count: int, spread_m: float = 15.0) -
     boxes[:, 3:6] = rng.uniform([1, 0.5, 1], [6, 2.5, 2], (count, 3))
     boxes[:, 6] = rng.uniform(-np.pi, np.pi, count)
     return boxes
+
+
+def cost_of(name: str, priors: np.ndarray, detections: np.ndarray) -> np.ndarray:
+    return COSTS[name](shapes_of(priors), shapes_of(detections))  # type: ignore[index]
 
 
 def sequential_greedy(cost: np.ndarray, threshold: float) -> set[tuple[int, int]]:
@@ -54,7 +59,7 @@ def test_association_equals_the_full_cost_matrix(cost: str, seed: int) -> None:
     priors, detections = boxes_around(rng, 40), boxes_around(rng, 35)
     settings = AssociationSettings(cost=cost)  # type: ignore[arg-type]
     first, second = (index.ravel() for index in np.indices((40, 35)))
-    matrix = COSTS[settings.cost](priors[first], detections[second]).reshape(40, 35)
+    matrix = cost_of(cost, priors[first], detections[second]).reshape(40, 35)
     block = np.zeros(40, np.int64)
     found = associate(priors, block, detections, block[:35], settings)
     pairs = set(zip(found.track.tolist(), found.detection.tolist(), strict=True))
@@ -69,7 +74,9 @@ def test_candidates_are_exactly_the_near_pairs_of_equal_block(seed: int) -> None
     track_block, detection_block = rng.integers(0, 4, 30), rng.integers(0, 4, 25)
     reach, other = rng.uniform(1, 5, 30), rng.uniform(1, 5, 25)
     targets = lay_out(detections, detection_block, AssociationSettings())
-    found = candidates(tracks, track_block, reach, targets._replace(reach_m=other))
+    targets = targets._replace(reach_m=other[targets.order])
+    track, place = candidates(tracks.T[:2], track_block, reach, targets)
+    found = Pairs(track, targets.order[place])
     distance = np.linalg.norm(tracks[:, None, :2] - detections[None, :, :2], axis=2)
     near = (distance < reach[:, None] + other) & (track_block[:, None] == detection_block)
     assert set(zip(*found, strict=True)) == set(zip(*np.nonzero(near), strict=True))
@@ -97,7 +104,8 @@ def test_batches_laid_out_together_match_as_if_alone() -> None:
         part = slice(start, start + 30)
         found = match(priors, block[:30], targets.batch(start, start + 30), settings)
         alone = associate(priors, block[:30], detections[part], block[part], settings)
-        assert set(zip(*found, strict=True)) == set(zip(*alone, strict=True))
+        there = {(track, detection + start) for track, detection in zip(*alone, strict=True)}
+        assert set(zip(*found, strict=True)) == there
 
 
 def test_a_prior_far_outside_all_detections_reaches_no_other_block() -> None:
@@ -118,11 +126,10 @@ def test_nothing_to_match_is_no_error() -> None:
 @pytest.mark.parametrize("cost", COST_NAMES)
 def test_equal_boxes_cost_nothing_and_distance_costs(cost: str) -> None:
     box = np.array([[3.0, -2.0, 1.0, 4.5, 1.8, 1.5, 0.7]])
-    function = COSTS[cost]  # type: ignore[index]
-    assert function(box, box)[0] == pytest.approx(0.0, abs=1e-6)
+    assert cost_of(cost, box, box)[0] == pytest.approx(0.0, abs=1e-6)
     away = box + np.array([[1.0, 0, 0, 0, 0, 0, 0]])
     further = box + np.array([[2.0, 0, 0, 0, 0, 0, 0]])
-    assert 0 < function(box, away)[0] < function(box, further)[0]
+    assert 0 < cost_of(cost, box, away)[0] < cost_of(cost, box, further)[0]
 
 
 @given(st.integers(0, 1000), st.floats(-np.pi, np.pi), st.floats(-1e5, 1e5))
@@ -138,6 +145,6 @@ def test_ciou_does_not_depend_on_the_axes_of_the_world(seed: int, turn: float, f
         return boxes
 
     for name in ("ciou_3d", "ciou_2d"):
-        here = COSTS[name](first, second)  # type: ignore[index]
-        there = COSTS[name](moved(first), moved(second))  # type: ignore[index]
+        here = cost_of(name, first, second)
+        there = cost_of(name, moved(first), moved(second))
         assert there == pytest.approx(here, abs=1e-6)
