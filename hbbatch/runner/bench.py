@@ -25,7 +25,7 @@ import numpy as np
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
 from hbbatch.errors import HbbatchError
-from hbbatch.runner.plan import SequenceJob
+from hbbatch.runner.dealing import SequenceJob
 from hbbatch.runner.timing import peak_rss_mb
 from hbbatch.runner.worker import LoadedTracker, Order, load_tracker, track_group
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames

@@ -14,7 +14,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Final, Protocol
 
 from hbbatch.errors import HbbatchError
-from hbbatch.runner.plan import Group
+from hbbatch.runner.dealing import Group
 from hbbatch.runner.worker import LoadedTracker, Order, Outcome, track_group
 
 _SPAWN: Final = multiprocessing.get_context("spawn")

@@ -1,4 +1,4 @@
-"""What a run has to do: which sequences are up to date, and how the rest is dealt to workers.
+"""What a run has to do: which sequences are up to date, and which are not.
 
 A sequence is up to date when its status file says done, carries the key that its inputs, the
 settings, the weights and the code give today, and its outputs exist. That one rule gives resuming,
@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -22,16 +22,7 @@ import hbbatch
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Run
 from hbbatch.errors import UsageError
-
-MAX_GROUP_DETECTIONS: Final = 1_200_000
-"""Detections handed to a worker at a time: half a minute's work, so that workers end together and
-little is lost with one that dies."""
-
-_LANES: Final = 100
-"""About as many sequences as a group steps at a time; only an estimate hangs on it."""
-
-_STEP_EFFORT: Final = 200
-"""What a lock step costs beside its tracks, in tracks (docs/performance.md, growing crowd)."""
+from hbbatch.runner.dealing import SequenceJob
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
@@ -45,20 +36,6 @@ _DECIDES_RESULTS: Final = (
     "config.py",
     "sinks/kitti.py",
 )
-
-
-@dataclass(frozen=True)
-class SequenceJob:
-    """A sequence to track, its size, and the key its outputs will carry."""
-
-    sequence_id: str
-    key: str
-    frames: int
-    detections: int
-
-
-Group = tuple[SequenceJob, ...]
-"""Sequences that one worker steps together."""
 
 
 @dataclass(frozen=True)
@@ -151,62 +128,3 @@ def is_done(run: Run, sequence_id: str, status: dict[str, Any]) -> bool:
     """Whether the outputs a status file speaks of are all there."""
     outputs = run.tracks(sequence_id), run.kitti(sequence_id)
     return status.get("state") == "done" and all(path.is_file() for path in outputs)
-
-
-def deal(jobs: Sequence[SequenceJob], workers: int) -> list[Group]:
-    """Groups for workers that finish together, at most one a worker unless memory asks for more.
-
-    A step costs the same whether one sequence of the group has a frame in it or all of them, so
-    sequences of like length belong together: sorted by length they are cut where the effort of the
-    largest group is least.
-    """
-    ordered = sorted(jobs, key=lambda job: (-job.frames, -job.detections, job.sequence_id))
-    if not ordered:
-        return []
-    enough, too_little = _effort(ordered), 0
-    while enough - too_little > 1:
-        limit = (enough + too_little) // 2
-        if len(_cut(ordered, limit)) <= workers:
-            enough = limit
-        else:
-            too_little = limit
-    return [
-        part for group in _cut(ordered, enough) for part in bounded(group, MAX_GROUP_DETECTIONS)
-    ]
-
-
-def _effort(group: Sequence[SequenceJob]) -> int:
-    """What a group costs, in units of one detection."""
-    frames = [job.frames for job in group]
-    steps = max(max(frames), sum(frames) // _LANES)
-    return _STEP_EFFORT * steps + sum(job.detections for job in group)
-
-
-def _cut(ordered: Sequence[SequenceJob], limit: int) -> list[Group]:
-    """Neighbours together as long as their effort stays within a limit (or is one sequence's)."""
-    groups: list[list[SequenceJob]] = []
-    longest = frames = detections = 0
-    for job in ordered:
-        steps = max(longest, (frames + job.frames) // _LANES)
-        if groups and _STEP_EFFORT * steps + detections + job.detections <= limit:
-            groups[-1].append(job)
-            frames, detections = frames + job.frames, detections + job.detections
-        else:
-            groups.append([job])
-            longest = frames = job.frames
-            detections = job.detections
-    return [tuple(group) for group in groups]
-
-
-def bounded(group: Group, max_detections: int) -> Iterator[Group]:
-    """The group in parts of at most so many detections (or of one sequence)."""
-    part: list[SequenceJob] = []
-    held = 0
-    for job in group:
-        if part and held + job.detections > max_detections:
-            yield tuple(part)
-            part, held = [], 0
-        part.append(job)
-        held += job.detections
-    if part:
-        yield tuple(part)

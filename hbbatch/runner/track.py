@@ -17,11 +17,12 @@ from hbbatch.dataset.store import write_table
 from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
 from hbbatch.runner.class_names import normalised_classes
+from hbbatch.runner.dealing import Group, deal
 from hbbatch.runner.device import resolved_device
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
-from hbbatch.runner.plan import Plan, deal, make_plan, read_status, select
+from hbbatch.runner.plan import Plan, make_plan, read_status, select
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
 from hbbatch.runner.worker import (
     LoadTracker,
@@ -45,7 +46,7 @@ class TrackRequest:
         sequence_ids: which sequences; all where none is named.
         run: name of the run; by default made from the settings.
         device: where to compute.
-        workers: worker processes; by default one a core.
+        workers: worker processes at most; by default one a core.
         command: how this was asked for, kept in run.json.
     """
 
@@ -222,7 +223,8 @@ def track(
     read_manifest(run)
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)
-    workers = min(request.workers or available_cores(), len(plan.to_do))
+    groups = deal(plan.to_do, request.workers or available_cores())
+    workers = min(request.workers or available_cores(), len(groups))
     outcomes: list[Outcome] = []
     if plan.to_do:
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
@@ -230,7 +232,8 @@ def track(
         resolved = engine.resolved(request.settings)
         write_manifest(run, resolved, weights, inputs, environment)
         order = Order(dataset, run, request.settings, device, engine.load_tracker)
-        outcomes = _execute(order, plan, workers, progress or _silent)
+        executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+        outcomes = _execute(order, executor, groups, progress or _silent)
         environment["device"] = _devices(outcomes) or request.device
         write_manifest(run, resolved, weights, inputs, environment)
     wall_s = time.perf_counter() - started
@@ -246,16 +249,18 @@ def _silent(_done: int, _total: int) -> None:
     pass
 
 
-def _execute(order: Order, plan: Plan, workers: int, progress: Progress) -> list[Outcome]:
-    """Run the plan; whatever happens, the timing table then holds every sequence that ended."""
-    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
-    frames = {job.sequence_id: job.frames for job in plan.to_do}
-    keys = {job.sequence_id: job.key for job in plan.to_do}
+def _execute(
+    order: Order, executor: Executor, groups: Sequence[Group], progress: Progress
+) -> list[Outcome]:
+    """Track groups; whatever happens, the timing table then holds every sequence that ended."""
+    jobs = [job for group in groups for job in group]
+    frames = {job.sequence_id: job.frames for job in jobs}
+    keys = {job.sequence_id: job.key for job in jobs}
     outcomes: list[Outcome] = []
     done = 0
     progress(done, sum(frames.values()))
     try:
-        with closing(executor.run(order, deal(plan.to_do, workers))) as stream:
+        with closing(executor.run(order, groups)) as stream:
             for outcome in stream:
                 outcomes.append(outcome)
                 done += frames[outcome.sequence_id]

@@ -15,8 +15,8 @@ from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.store import write_json, write_table
 from hbbatch.errors import HbbatchError
 from hbbatch.projection import Camera
+from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.device import resolved_device
-from hbbatch.runner.plan import Group, SequenceJob, bounded
 from hbbatch.runner.timing import TimingRow, timing_row
 from hbbatch.sinks.kitti import kitti_result
 from hbbatch.tracking.frames import (
@@ -26,9 +26,6 @@ from hbbatch.tracking.frames import (
     sequence_frames,
 )
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
-
-MAX_PART_DETECTIONS: Final = 300_000
-"""Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
 
 _MAX_UNWRITTEN: Final = 8
 """Sequences that have ended and wait for the writer at most."""

@@ -9,8 +9,8 @@ import pytest
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.errors import HbbatchError, WeightsError
+from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
-from hbbatch.runner.plan import Group, SequenceJob
 from hbbatch.runner.worker import LoadTracker, Order, Outcome
 from tests.runner.small_dataset import load_breaks, load_echo, load_fails, make_dataset
 

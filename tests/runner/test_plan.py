@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_json
 from hbbatch.errors import UsageError
 from hbbatch.runner import plan
-from hbbatch.runner.plan import SequenceJob, deal, make_plan, select, sequence_key
+from hbbatch.runner.plan import make_plan, select, sequence_key
 from tests.runner.small_dataset import catalog_row, write_catalog
 
 SETTINGS = TrackSettings()
@@ -111,42 +109,3 @@ def test_the_code_version_names_the_package_version_and_a_hash() -> None:
     version, _, digest = plan.code_version().partition("+")
     assert version == plan.hbbatch.__version__
     assert len(digest) == 12
-
-
-def jobs(*frames: int, detections: int = 1) -> list[SequenceJob]:
-    return [SequenceJob(f"{i:04}", "key", n, detections) for i, n in enumerate(frames)]
-
-
-def test_each_worker_gets_one_group_of_like_lengths() -> None:
-    groups = deal(jobs(100, 1000, 90, 80, 70, 60), workers=2)
-    assert [[job.frames for job in group] for group in groups] == [[1000], [100, 90, 80, 70, 60]]
-
-
-def test_many_sequences_are_dealt_evenly() -> None:
-    groups = deal(jobs(*[100] * 300, *[200] * 300), workers=4)
-    loads = [sum(job.frames for job in group) for group in groups]
-    assert len(groups) == 4
-    assert max(loads) < 1.1 * min(loads)
-
-
-def test_there_are_no_more_groups_than_sequences() -> None:
-    assert len(deal(jobs(5, 6), workers=8)) <= 2
-    assert deal([], workers=8) == []
-
-
-def test_a_group_too_large_for_memory_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan, "MAX_GROUP_DETECTIONS", 25)
-    groups = deal(jobs(4, 3, 2, 1, detections=10), workers=1)
-    assert [len(group) for group in groups] == [2, 2]
-    assert [len(group) for group in deal(jobs(4, detections=99), workers=1)] == [1]
-
-
-@given(st.lists(st.integers(0, 5000), max_size=40), st.integers(1, 9))
-def test_every_sequence_is_dealt_once_to_no_more_groups_than_workers(
-    frames: list[int], workers: int
-) -> None:
-    groups = deal(jobs(*frames), workers)
-    dealt = sorted(job.sequence_id for group in groups for job in group)
-    assert dealt == [f"{i:04}" for i in range(len(frames))]
-    assert len(groups) <= workers
-    assert all(groups)

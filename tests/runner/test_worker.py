@@ -11,7 +11,7 @@ from hbbatch import schema
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import write_json
-from hbbatch.runner.plan import Group, SequenceJob
+from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.worker import Order, Outcome, track_group
 from tests.runner.small_dataset import load_echo, make_dataset, write_sequence
 

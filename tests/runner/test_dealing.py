@@ -1,0 +1,73 @@
+"""How sequences are dealt to workers."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hbbatch.runner import dealing
+from hbbatch.runner.dealing import SequenceJob, deal
+
+LONG = 10_000
+"""Frames that are worth a worker's start."""
+
+
+def jobs(*frames: int, detections: int = 1) -> list[SequenceJob]:
+    return [SequenceJob(f"{i:04}", "key", n, detections) for i, n in enumerate(frames)]
+
+
+def test_each_worker_gets_one_group_of_like_lengths() -> None:
+    groups = deal(jobs(1000, LONG, 900, 800, 700, 600), workers=2)
+    assert [[job.frames for job in group] for group in groups] == [
+        [LONG],
+        [1000, 900, 800, 700, 600],
+    ]
+
+
+def test_many_sequences_are_dealt_evenly() -> None:
+    groups = deal(jobs(*[100] * 300, *[200] * 300, detections=500), workers=4)
+    loads = [len(group) for group in groups]
+    assert len(groups) == 4
+    assert max(loads) < 1.1 * min(loads)
+
+
+def test_little_work_is_left_to_one_worker() -> None:
+    """It is done before a second one would have started."""
+    assert len(deal(jobs(100, 90, 80), workers=2)) == 1
+    assert len(deal(jobs(LONG, LONG), workers=1)) == 1
+
+
+def test_work_that_does_not_divide_is_left_to_one_worker() -> None:
+    """The longest sequence has its steps, and the others ride along for next to nothing."""
+    assert len(deal(jobs(LONG, 20), workers=2)) == 1
+
+
+def test_a_part_costs_its_longest_sequence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twice the steps where memory cuts a group in two parts, so it is dealt in halves."""
+    monkeypatch.setattr(dealing, "MAX_PART_DETECTIONS", 25)
+    groups = deal(jobs(*[LONG] * 4, detections=10), workers=2)
+    assert [len(group) for group in groups] == [2, 2]
+
+
+def test_there_are_no_more_groups_than_sequences() -> None:
+    assert len(deal(jobs(LONG, LONG), workers=8)) <= 2
+    assert deal([], workers=8) == []
+
+
+def test_a_group_too_large_for_memory_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dealing, "MAX_GROUP_DETECTIONS", 25)
+    groups = deal(jobs(4, 3, 2, 1, detections=10), workers=1)
+    assert [len(group) for group in groups] == [2, 2]
+    assert [len(group) for group in deal(jobs(4, detections=99), workers=1)] == [1]
+
+
+@given(st.lists(st.integers(0, 50_000), max_size=40), st.integers(1, 9))
+def test_every_sequence_is_dealt_once_to_no_more_groups_than_workers(
+    frames: list[int], workers: int
+) -> None:
+    groups = deal(jobs(*frames), workers)
+    dealt = sorted(job.sequence_id for group in groups for job in group)
+    assert dealt == [f"{i:04}" for i in range(len(frames))]
+    assert len(groups) <= workers
+    assert all(groups)
