@@ -16,11 +16,17 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-import lz4.frame  # type: ignore[import-untyped]
-
 from hbbatch.sources.base import Findings
 from hbbatch.sources.blocks import Block, in_blocks
-from hbbatch.sources.channels import Channel, Count, RawMessage, Wanted, file_hash, starts_with
+from hbbatch.sources.channels import (
+    Channel,
+    Count,
+    RawMessage,
+    Wanted,
+    file_hash,
+    starts_with,
+    unpack_lz4,
+)
 from hbbatch.sources.messages import normalise_type
 
 _MAGIC: Final = b"#ROSBAG V"
@@ -258,8 +264,7 @@ def _unpacked(compression: bytes, data: memoryview, size: int) -> bytes:
     if compression == b"bz2":
         return bz2.BZ2Decompressor().decompress(data, max_length=size)
     if compression == b"lz4":
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(bytes(data), max_length=size)
-        return unpacked
+        return unpack_lz4(data, size)
     raise ValueError(f"a chunk is packed with {compression.decode(errors='replace')!r}")
 
 

@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import lz4.frame  # type: ignore[import-untyped]
+
 from hbbatch.sources.base import Findings
 
+_LZ4_MOST: Final = 255
+_LZ4_SPARE: Final = 2**16
 LATEST_NS: Final = 2**63 - 1
 """Log times are unsigned in some containers; a damaged one must still fit the tables."""
 
@@ -86,6 +90,20 @@ def starts_with(path: Path, magic: bytes) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(len(magic)) == magic
+
+
+def unpack_lz4(data: bytes | memoryview, size: int) -> bytes:
+    """Unpack at most `size` bytes of an LZ4 frame; of one without end, its start.
+
+    A frame cannot hold more than 255 times its own length, so a size that a damaged file claims is
+    never asked for as memory.
+
+    Raises:
+        RuntimeError: it is no LZ4 frame.
+    """
+    most = min(size, _LZ4_MOST * len(data) + _LZ4_SPARE)
+    unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most)
+    return unpacked
 
 
 def file_hash(path: Path) -> str:

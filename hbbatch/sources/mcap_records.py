@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from io import BufferedReader
 from typing import Final
 
-import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
 from hbbatch.sources.base import Findings, IntArray
+from hbbatch.sources.channels import unpack_lz4
 
 Content = bytes | memoryview
 
@@ -279,8 +279,7 @@ def _decompress(compression: str, packed: Content, size: int) -> Content:
             raise ValueError(f"unpacks to {declared} bytes, not {size}")
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     if compression == "lz4":
-        unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
-        return unpacked
+        return unpack_lz4(packed, size)
     raise ValueError("this compression is unknown")
 
 

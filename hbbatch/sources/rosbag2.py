@@ -26,6 +26,8 @@ _PACKED: Final = ".zstd", ".zst"
 _STORED: Final = (".db3", ".mcap")
 _PIECE: Final = 2**20
 _LARGEST_MESSAGE: Final = 2**30
+_ZSTD_MOST: Final = 2**15
+"""Times its own length that a frame of zstd can hold: blocks of 128 KiB from 4 bytes each."""
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 
@@ -217,7 +219,8 @@ def _unpacked_block(block: Block, findings: Findings) -> Block:
 def _unpacked_message(message: RawMessage, findings: Findings) -> RawMessage:
     """A message that was packed by itself; one that cannot be unpacked stays as it is."""
     try:
-        size = min(max(zstandard.frame_content_size(message.data), 0), _LARGEST_MESSAGE)
+        most = min(_LARGEST_MESSAGE, _ZSTD_MOST * len(message.data))
+        size = min(max(zstandard.frame_content_size(message.data), 0), most)
         unpacked = zstandard.ZstdDecompressor().decompress(message.data, max_output_size=size)
     except (zstandard.ZstdError, MemoryError) as error:
         problem = f"topic {message.channel.topic}: packed messages cannot be unpacked ({error})"
