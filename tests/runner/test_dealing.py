@@ -18,7 +18,7 @@ def jobs(*frames: int, detections: int = 1) -> list[SequenceJob]:
 
 
 def test_each_worker_gets_one_group_of_like_lengths() -> None:
-    groups = deal(jobs(1000, LONG, 900, 800, 700, 600), workers=2)
+    groups = deal(jobs(1000, LONG, 900, 800, 700, 600, detections=50_000), workers=2)
     assert [[job.frames for job in group] for group in groups] == [
         [LONG],
         [1000, 900, 800, 700, 600],
