@@ -155,7 +155,7 @@ def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content
         if opcode == 0 or length > left:
             passed = 1
             if opcode == CHUNK:
-                content = file.read(min(length, _LARGEST_CHUNK))
+                content = file.read(min(length, left, _LARGEST_CHUNK))
                 yield from _start_of_chunk(content, damage)
                 passed = _FRAME.size + _extent(content)
             if not _seek_next(file, position, passed, size, damage):
