@@ -15,20 +15,17 @@ MotionModel = Literal["cv", "ca", "ct"]
 """Constant velocity, constant acceleration, coordinated turn."""
 
 
-class Columns:
+class Columns(dict[str, slice]):
     """Named column ranges laid side by side."""
 
     def __init__(self, widths: Mapping[str, int]) -> None:
         """Lay out the columns in the order given."""
-        self._slices: dict[str, slice] = {}
+        super().__init__()
         start = 0
         for name, width in widths.items():
-            self._slices[name] = slice(start, start + width)
+            self[name] = slice(start, start + width)
             start += width
         self.width = start
-
-    def __getitem__(self, name: str) -> slice:
-        return self._slices[name]
 
 
 def kalman_order(model: MotionModel) -> int:

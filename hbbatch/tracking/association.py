@@ -167,7 +167,7 @@ def candidates(
     limit = track_reach_m[track]
     limit += targets.reach_m[place]
     limit *= limit
-    near = np.flatnonzero(apart[0] + apart[1] < limit)
+    (near,) = (apart[0] + apart[1] < limit).nonzero()
     return Pairs(track[near], place[near])
 
 

@@ -73,11 +73,11 @@ class LockStep:
             predicted = perf_counter()
             pairs = self._associate(step, priors)
         associated = perf_counter()
-        said, alive = self._settle(pairs)
+        alive = self._settle(pairs)
         if len(pairs.track):
             self._bank.update(pairs.detection)
         updated = perf_counter()
-        self._manage(step, pairs.detection, said, alive)
+        self._manage(step, pairs.detection, alive)
         clock = self._clock
         clock.predict += predicted - start
         clock.associate += associated - predicted
@@ -102,59 +102,58 @@ class LockStep:
         order = np.argsort(found.track)
         return found.take(order)
 
-    def _settle(self, pairs: Pairs) -> tuple[IntArray, int]:
-        """Count hits and misses; matched rows go to the front, those that die now to the end.
+    def _settle(self, pairs: Pairs) -> int:
+        """Count misses; matched rows go to the front, those that die now to the end.
 
         Returns:
-            Rows that are said, in the new order, and how many rows stay alive.
+            How many rows stay alive.
         """
-        rows, limits = self._rows, self._settings.management
-        rows.age[:] += 1
-        rows.misses[:] += 1
+        rows = self._rows
+        rows.count_step()
         rows.misses[pairs.track] = 0
-        rows.hits[pairs.track] += 1
-        allowed = np.where(rows.hits > 1, limits.max_misses, limits.max_misses_unconfirmed)
-        lives = rows.misses < allowed
-        coasts = lives.copy()
-        coasts[pairs.track] = False
-        dying = np.flatnonzero(~lives)
-        self._arrange(np.concatenate([pairs.track, np.flatnonzero(coasts), dying]))
-        said = np.flatnonzero(rows.misses <= self._longest_coast)
-        return said, len(rows) - len(dying)
+        rows.patience[pairs.track] = self._settings.management.max_misses
+        (missed,) = rows.misses.nonzero()
+        lives = rows.misses[missed] < rows.patience[missed]
+        coasting, dying = missed[lives], missed[~lives]
+        self._arrange(np.concatenate([pairs.track, coasting, dying]))
+        return len(rows) - len(dying)
 
     def _arrange(self, order: IntArray) -> None:
-        if np.array_equal(order, np.arange(len(self._rows))):
-            return
         self._rows.arrange(order)
         self._bank.arrange(order)
 
-    @property
-    def _longest_coast(self) -> int:
-        output = self._settings.output
-        return output.max_coasted if output.protocol == "online" else 0
-
-    def _manage(self, step: int, matched: IntArray, said: IntArray, alive: int) -> None:
+    def _manage(self, step: int, matched: IntArray, alive: int) -> None:
         """Record what is said, bury the dead, add the newborn."""
         plan, rows = self._plan, self._rows
-        detections = np.full(len(said), -1)
-        detections[: len(matched)] = matched
-        self._recorder.add(step, rows.identities(said), detections, said)
+        self._record(step, matched)
         if alive < len(rows):
             rows.truncate(alive)
             self._bank.truncate(alive)
         start, stop = plan.offsets[step], plan.offsets[step + 1]
         free = np.ones(stop - start, bool)
         free[matched - start] = False
-        newborn = np.flatnonzero(free) + start
+        (newborn,) = free.nonzero()
         if len(newborn):
-            self._give_birth(step, newborn)
+            self._give_birth(step, newborn + start)
+
+    def _record(self, step: int, matched: IntArray) -> None:
+        """Record the matched rows, which are the first, and those that are said while coasting."""
+        output, rows = self._settings.output, self._rows
+        said: IntArray | slice = slice(len(matched))
+        if output.protocol == "online" and output.max_coasted:
+            (said,) = (rows.misses <= output.max_coasted).nonzero()
+        identities = rows.identities(said)
+        detections = np.full(identities.shape[1], -1)
+        detections[: len(matched)] = matched
+        self._recorder.add(step, identities, detections, said)
 
     def _give_birth(self, step: int, newborn: IntArray) -> None:
         plan, rows = self._plan, self._rows
         sequence, first = plan.sequence[newborn], len(rows)
         code, block = plan.class_codes[newborn], self._block[newborn]
         self._bank.append(newborn, self._kinds[newborn])
-        rows.append(sequence, self._new_ids(sequence), code, block)
+        patience = self._settings.management.max_misses_unconfirmed
+        rows.append(sequence, self._new_ids(sequence), code, block, patience)
         born = slice(first, len(rows))
         self._recorder.add(step, rows.identities(born), newborn, born)
 

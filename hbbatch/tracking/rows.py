@@ -7,6 +7,7 @@ import numpy as np
 from hbbatch.tracking.frames import IntArray
 
 _COLUMNS = 7
+_COUNTERS = slice(5, 7)
 
 
 class RowTable:
@@ -43,8 +44,8 @@ class RowTable:
         return self._column(3)
 
     @property
-    def hits(self) -> IntArray:
-        """`(n,)` matched detections, the first included."""
+    def patience(self) -> IntArray:
+        """`(n,)` consecutive misses that end the track."""
         return self._column(4)
 
     @property
@@ -61,6 +62,10 @@ class RowTable:
         column: IntArray = self._cells[number]
         return column
 
+    def count_step(self) -> None:
+        """A step without a detection, for all rows: they age and miss one."""
+        self._cells[_COUNTERS] += 1
+
     def identities(self, rows: IntArray | slice) -> IntArray:
         """`(3, k)` sequence, track id and class code of some rows."""
         cells: IntArray = self._cells[:3, rows]
@@ -75,10 +80,15 @@ class RowTable:
         self._cells = self._cells[:, :count]
 
     def append(
-        self, sequence: IntArray, track_id: IntArray, class_code: IntArray, block: IntArray
+        self,
+        sequence: IntArray,
+        track_id: IntArray,
+        class_code: IntArray,
+        block: IntArray,
+        patience: int,
     ) -> None:
         """Add newborn tracks."""
         born = np.zeros((_COLUMNS, len(sequence)), np.int64)
         born[:4] = sequence, track_id, class_code, block
-        born[4] = 1
+        born[4] = patience
         self._cells = np.concatenate([self._cells, born], axis=1)
