@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from hbbatch import schema
 from hbbatch.dataset import Dataset
@@ -115,8 +114,9 @@ def put_rows(
         owned = {
             row["sequence_id"] for row in former.to_pylist() if row["source"] == resolved
         } & set(gone)
-        out = [*(row["sequence_id"] for row in rows), *owned]
-        others = former.filter(~pc.field("sequence_id").isin(out))
+        out = {*(row["sequence_id"] for row in rows), *owned}
+        stays = [name not in out for name in former["sequence_id"].to_pylist()]
+        others = former.filter(pa.array(stays, pa.bool_()))
         added = pa.Table.from_pylist(list(rows), schema=schema.CATALOG)
         dataset.write_catalog(pa.concat_tables([others, added]))
     for sequence_id in owned:

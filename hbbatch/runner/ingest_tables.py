@@ -9,11 +9,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from hbbatch import schema
 from hbbatch.boxes import FloatArray
@@ -31,6 +32,15 @@ from hbbatch.sources.base import (
 )
 from hbbatch.sources.classes import Taxonomy
 from hbbatch.sources.tables import detections_table, labels_table, poses_table
+
+_HASHED_DETECTIONS: Final = [
+    field.name
+    for field in schema.DETECTIONS
+    if field.name
+    not in {"timestamp_ns", "detection_id", "frame_id", "class_name_logged", "source_row"}
+]
+"""Columns of which the content hash is made: the others follow from these and the poses, or are
+not read by tracking."""
 
 
 @dataclass
@@ -76,16 +86,20 @@ class ContentHash:
     def add(self, prefix: str, table: pa.Table) -> None:
         """Feed a batch of a table."""
         for name in table.column_names:
-            digest = self._columns.setdefault(f"{prefix}.{name}", hashlib.blake2b(digest_size=16))
             column = table[name]
+            if table.schema.field(name).nullable:
+                self._feed(f"{prefix}.{name}.valid", _valid(column))
+                column = column.drop_null()
             if pa.types.is_string(column.type):
-                lengths = self._columns.setdefault(
-                    f"{prefix}.{name}.length", hashlib.blake2b(digest_size=16)
-                )
-                lengths.update(pc.binary_length(column).to_numpy().tobytes())
-                digest.update(_letters(column))
+                self._feed(f"{prefix}.{name}.length", pc.binary_length(column).to_numpy())
+                self._feed(f"{prefix}.{name}", _letters(column))
             else:
-                digest.update(column.to_numpy().tobytes())
+                self._feed(f"{prefix}.{name}", column.to_numpy())
+
+    def _feed(self, name: str, values: Any) -> None:
+        if name not in self._columns:
+            self._columns[name] = hashlib.blake2b(digest_size=16)
+        self._columns[name].update(np.ascontiguousarray(values))
 
     def digest(self, calibration: CameraCalibration | None) -> str:
         """The hash, with the calibration."""
@@ -94,14 +108,22 @@ class ContentHash:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _letters(column: pa.ChunkedArray) -> bytes:
+def _valid(column: pa.ChunkedArray) -> NDArray[np.bool_]:
+    """Which values are not null."""
+    if column.null_count == len(column):
+        return np.zeros(len(column), dtype=np.bool_)
+    valid: NDArray[np.bool_] = column.is_valid().to_numpy()
+    return valid
+
+
+def _letters(column: pa.ChunkedArray) -> NDArray[np.uint8]:
     """All texts of a column one after the other."""
     joined = pa.concat_arrays([*column.chunks, pa.array([], column.type)])
     _, offsets, letters = joined.buffers()
     if letters is None:
-        return b""
+        return np.zeros(0, dtype=np.uint8)
     ends = np.frombuffer(offsets, np.int32)[joined.offset : joined.offset + len(joined) + 1]
-    return memoryview(letters)[ends[0] : ends[-1]].tobytes()
+    return np.frombuffer(letters, np.uint8)[ends[0] : ends[-1]]
 
 
 def write_sequence(
@@ -130,7 +152,7 @@ def write_sequence(
             poses = poses_table(batch, tally.frames)
             write_detections(detections)
             write_poses(poses)
-            content.add("detections", detections.drop_columns(["source_row", "class_name_logged"]))
+            content.add("detections", detections.select(_HASHED_DETECTIONS))
             content.add("poses", poses.drop_columns(["log_time_ns"]))
             tally.add(batch, taxonomy)
         if not tally.frames:

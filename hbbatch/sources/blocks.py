@@ -16,7 +16,7 @@ PADDING: Final = 512
 """Bytes that a buffer has behind its last message, so that readers may look past a message."""
 
 _BLOCK_MESSAGES: Final = 4096
-_BLOCK_BYTES: Final = 16 * 2**20
+_BLOCK_BYTES: Final = 8 * 2**20
 
 
 def gather(data: bytes | bytearray | memoryview, places: IntArray, kind: np.dtype[Any]) -> Any:

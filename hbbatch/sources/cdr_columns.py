@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from hbbatch.boxes import FloatArray
+from hbbatch.boxes import YAW, FloatArray
 from hbbatch.sources.base import IntArray, Names
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_walk import CdrWalk, Columns, WalkRefusedError
@@ -157,8 +157,10 @@ def _stamps(columns: Columns, paths: Sequence[str]) -> IntArray:
 def _boxes(columns: Columns, pose: list[str], size: list[str], total: int) -> FloatArray:
     if not total:
         return np.zeros((0, 7))
-    values = columns.stack(pose)
-    return np.column_stack([values[:, :3], columns.stack(size), quaternion_yaw(values[:, 3:])])
+    # The last column is a place for the yaw.
+    boxes = columns.stack([*pose[:3], *size, pose[3]])
+    boxes[:, YAW] = quaternion_yaw(columns.stack(pose[3:]))
+    return boxes
 
 
 def _refuse_other_frames(frames: Names, inner: Names, counts: IntArray) -> None:

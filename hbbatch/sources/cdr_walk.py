@@ -189,7 +189,11 @@ class Columns:
 
     def stack(self, paths: Sequence[str]) -> NDArray[np.float64]:
         """Several numeric columns side by side, `(n, len(paths))`."""
-        return np.column_stack([self.numbers[path] for path in paths]).astype(np.float64)
+        columns = [self.numbers[path] for path in paths]
+        stacked = np.empty((len(columns[0]), len(columns)))
+        for number, column in enumerate(columns):
+            stacked[:, number] = column
+        return stacked
 
 
 class CdrWalk:
@@ -364,8 +368,8 @@ class _Run:
             raise WalkRefusedError("a long text")
         if not longest:
             return Names(np.zeros(len(letters), dtype=np.int64), ("",))
-        count = -(-longest // _WIDEST)
-        words = self._gather(start, "u8", count) & _masks(count)[letters]
+        words = self._gather(start, "u8", -(-longest // _WIDEST))
+        words &= _masks(words.shape[1])[letters]
         first, codes = _distinct(words)
         try:
             vocabulary = tuple(words[row].tobytes().rstrip(b"\0").decode() for row in first)
@@ -378,24 +382,36 @@ def _masks(words: int) -> NDArray[np.uint64]:
     """By number of letters, which bits of some words hold them, `(8 * words + 1, words)`."""
     letters = np.arange(words * _WIDEST)
     kept = np.arange(words * _WIDEST + 1)[:, None] > letters
-    return (kept * np.uint8(0xFF)).astype(np.uint8).view("<u8")
+    return (kept * np.uint8(0xFF)).view("<u8")
 
 
-def _distinct(rows: NDArray[Any]) -> tuple[list[int], IntArray]:
+def _distinct(rows: NDArray[np.uint64]) -> tuple[list[int], IntArray]:
     """The first row of each kind, and which kind each row is; rows are `(n, words)`."""
-    codes = np.zeros(len(rows), dtype=np.int64)
-    first: list[int] = []
-    left = np.arange(len(rows))
-    while len(left) and len(first) < _FEW_KINDS:
-        same = (rows[left] == rows[left[0]]).all(axis=1)
-        codes[left[same]] = len(first)
-        first.append(int(left[0]))
-        left = left[~same]
-    if len(left):
-        _, others, numbers = np.unique(rows[left], axis=0, return_index=True, return_inverse=True)
-        codes[left] = numbers.reshape(-1) + len(first)
-        first += left[others].tolist()
+    keys = rows[:, 0]
+    for column in range(1, rows.shape[1]):
+        keys = keys * np.uint64(0x9E3779B97F4A7C15) + rows[:, column]
+    first, codes = _distinct_keys(keys)
+    if rows.shape[1] > 1 and not (rows == rows[first][codes]).all():
+        _, places, numbers = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        return places.tolist(), numbers.reshape(-1).astype(np.int64)
     return first, codes
+
+
+def _distinct_keys(keys: NDArray[np.uint64]) -> tuple[list[int], IntArray]:
+    """As above; most often there are few, which are found faster than by sorting."""
+    codes = np.zeros(len(keys), dtype=np.int64)
+    first: list[int] = []
+    left = np.flatnonzero(keys != keys[0])
+    place = 0
+    while len(first) < _FEW_KINDS:
+        first.append(place)
+        if not len(left):
+            return first, codes
+        place = int(left[0])
+        codes[left] += 1
+        left = left[keys[left] != keys[place]]
+    _, places, numbers = np.unique(keys, return_index=True, return_inverse=True)
+    return places.tolist(), numbers.astype(np.int64)
 
 
 class _Order:
@@ -414,6 +430,18 @@ class _Order:
         if not len(self.owners):
             self.owners = np.concatenate([owner for owner, _ in pieces])
             if not (np.diff(self.owners) >= 0).all():
-                self._order = np.argsort(self.owners, kind="stable")
+                self._order = _sorting(self.owners)
                 self.owners = self.owners[self._order]
         return values if self._order is None else values[self._order]
+
+
+def _sorting(owners: IntArray) -> IntArray:
+    """What sorts the owners, those that are equal as they came."""
+    count = len(owners)
+    if int(owners.max()) == count - 1:
+        order = np.full(count, -1, dtype=np.int64)
+        order[owners] = np.arange(count)
+        if order.min() >= 0:
+            # Each number once: no sorting needed.
+            return order
+    return np.argsort(owners, kind="stable")

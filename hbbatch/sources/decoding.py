@@ -102,7 +102,8 @@ def _embedded(channel: Channel, parse: Callable[..., Any]) -> Typestore:
     types = parse(channel.definition.decode(), channel.message_type)
     store = get_typestore(Stores.EMPTY)
     for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
-        types.setdefault(name, get_types_from_msg(_ROS_TIME, name)[name])
+        if name not in types:
+            types.update(get_types_from_msg(_ROS_TIME, name))
     store.register(types)
     _check_whole(store, channel.message_type)
     return store

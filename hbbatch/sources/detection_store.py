@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from hbbatch.boxes import FloatArray
+from hbbatch.boxes import HEIGHT, LENGTH, FloatArray
 from hbbatch.sources.base import (
     Findings,
     FrameBatch,
@@ -92,18 +92,20 @@ class DetectionStore:
             numbers: `(m,)` which message of the topic each is, from 0.
             log_time_ns: `(m,)` when the recorder received them.
         """
+        rows = np.empty((len(columns.boxes), _COLUMNS))
+        rows[:, :7] = columns.boxes
+        rows[:, 7] = columns.scores
+        rows[:, 8] = self._classes.codes(columns.class_names)
         unscored = np.isnan(columns.scores)
-        scores = np.where(unscored, _SCORE_WHEN_MISSING, columns.scores)
-        usable = np.isfinite(columns.boxes).all(axis=1) & np.isfinite(scores)
-        usable &= ~flat_boxes(columns.boxes)
-        of_message = np.repeat(np.arange(len(columns.stamp_ns)), columns.box_counts)
-        for message in of_message[~usable].tolist():
-            self._unusable[int(numbers[message])] += 1
+        rows[unscored, 7] = _SCORE_WHEN_MISSING
+        kept = columns.box_counts
+        if not (np.isfinite(rows).all() and (rows[:, LENGTH : HEIGHT + 1] > 0).all()):
+            rows, kept = self._without_unusable(rows, columns.box_counts, numbers)
+        self._rows.append(rows.reshape(-1).view(np.uint8).data)
         self._unscored += int(unscored.sum())
         self._unstamped += int((columns.stamp_ns == 0).sum())
         self._foreign += columns.foreign
         self._unsure_yaws += columns.unsure_yaws
-        kept = np.bincount(of_message[usable], minlength=len(columns.stamp_ns))
         stamps_ns = np.where(columns.stamp_ns == 0, log_time_ns, columns.stamp_ns)
         frames = self._frames.codes(columns.frame_ids)
         into = self._messages
@@ -115,9 +117,16 @@ class DetectionStore:
             (into.boxes, kept),
         ):
             column.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
-        classes = self._classes.codes(columns.class_names)
-        rows = np.column_stack([columns.boxes, scores, classes])[usable]
-        self._rows.append(np.ascontiguousarray(rows, dtype=np.float64).tobytes())
+
+    def _without_unusable(
+        self, rows: FloatArray, counts: IntArray, numbers: IntArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Rows that are numbers and have a size, and how many of them each message has."""
+        usable = np.isfinite(rows).all(axis=1) & ~flat_boxes(rows)
+        of_message = np.repeat(np.arange(len(counts)), counts)
+        for message in of_message[~usable].tolist():
+            self._unusable[int(numbers[message])] += 1
+        return rows[usable], np.bincount(of_message[usable], minlength=len(counts))
 
     @property
     def boxes(self) -> int:
@@ -213,9 +222,11 @@ class DetectionStore:
         """Rows of messages; those that lie one after the other are read at once."""
         ends = starts + counts
         breaks = np.flatnonzero(starts[1:] != ends[:-1]) + 1
+        firsts = [0, *breaks.tolist()]
+        lasts = [*(breaks - 1).tolist(), len(starts) - 1]
         pieces = []
-        for run in np.split(np.arange(len(starts)), breaks):
-            start = int(starts[run[0]]) * _ROW_BYTES
-            size = int(ends[run[-1]] - starts[run[0]]) * _ROW_BYTES
+        for first, last in zip(firsts, lasts, strict=True):
+            start = int(starts[first]) * _ROW_BYTES
+            size = int(ends[last] - starts[first]) * _ROW_BYTES
             pieces.append(np.frombuffer(self._rows.read(start, size), dtype=np.float64))
-        return np.concatenate(pieces).reshape(-1, _COLUMNS)
+        return (np.concatenate(pieces) if len(pieces) > 1 else pieces[0]).reshape(-1, _COLUMNS)

@@ -20,6 +20,7 @@ from hbbatch.dataset.store import safe_name
 from hbbatch.errors import SourceChoiceError, SourceError
 from hbbatch.sources import gaps
 from hbbatch.sources.base import (
+    POSE_ORIGINS,
     Description,
     Findings,
     IntArray,
@@ -241,17 +242,17 @@ def _frame_poses(
     poses = Poses.identity(len(stamps_ns))
     known = np.zeros(len(stamps_ns), dtype=bool)
     translation_m, rotation = poses.translation_m, poses.rotation
-    origins = [""] * len(stamps_ns)
+    origins = np.zeros(len(stamps_ns), dtype=np.int64)
     for code in sorted(set(frames.codes.tolist()), key=lambda c: frames.vocabulary[c]):
         rows = np.flatnonzero(frames.codes == code)
         found = messages.resolve(frames.vocabulary[code], stamps_ns[rows], findings)
         translation_m[rows], rotation[rows] = found.poses.translation_m, found.poses.rotation
         known[rows] = found.known
-        for row, origin in zip(rows.tolist(), found.poses.origins.to_list(), strict=True):
-            origins[row] = origin
+        kinds = [POSE_ORIGINS.index(origin) for origin in found.poses.origins.vocabulary]
+        origins[rows] = np.array(kinds)[found.poses.origins.codes]
     unknown = int((~known).sum())
     if unknown:
         findings.lost(
             f"{unknown} frames left out: no pose of the sensor within {EXTRAPOLATION_NS / 1e9} s"
         )
-    return Poses(translation_m, rotation, Names.of(origins)), known
+    return Poses(translation_m, rotation, Names(origins, POSE_ORIGINS)), known

@@ -38,6 +38,7 @@ _PIECE: Final = 2**20
 _SEARCH_STEP: Final = 2**24
 _MOST_CANDIDATES: Final = 200_000
 _LINKS: Final = 3
+_ZSTD: Final = zstandard.ZstdDecompressor()
 _START_OF_RECORD: Final = re.compile(rb"(?=[\x01-\x0f].{5}\x00\x00\x00)", re.DOTALL)
 
 
@@ -137,8 +138,9 @@ def runs(file: BufferedReader, damage: Damage) -> Iterator[Run]:
 
 
 def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content]]:
-    """Opcode and content of the records of a file, chunks as they are; of a chunk that the file
-    breaks off in, the records that can be unpacked.
+    """Opcode and content of the records of a file, chunks as they are.
+
+    Of a chunk that the file breaks off in, the records that can be unpacked are given instead.
     """
     size = file.seek(0, 2)
     file.seek(len(MAGIC))
@@ -277,7 +279,7 @@ def _decompress(compression: str, packed: Content, size: int) -> Content:
         declared = zstandard.frame_content_size(packed)
         if declared > size:
             raise ValueError(f"unpacks to {declared} bytes, not {size}")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        return _ZSTD.decompress(packed, max_output_size=size)
     if compression == "lz4":
         return unpack_lz4(packed, size)
     raise ValueError("this compression is unknown")

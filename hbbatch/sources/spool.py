@@ -19,16 +19,16 @@ class Spool:
         self._memory = bytearray()
         self._file: int | None = None
 
-    def append(self, data: bytes) -> None:
+    def append(self, data: bytes | memoryview) -> None:
         """Add bytes at the end."""
         self._memory += data
         if len(self._memory) > self._limit:
             self._flush()
 
-    def read(self, start: int, size: int) -> bytes:
+    def read(self, start: int, size: int) -> bytes | memoryview:
         """Bytes from a position; nothing is appended after the first call."""
         if self._file is None:
-            return bytes(self._memory[start : start + size])
+            return memoryview(self._memory)[start : start + size]
         if self._memory:
             self._flush()
         return os.pread(self._file, size, start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -82,19 +83,25 @@ def labels_table(labels: Labels, taxonomy: Taxonomy) -> pa.Table:
 
 
 def _box_columns(boxes: FloatArray) -> dict[str, pa.Array]:
-    return {name: _nan_as_null(boxes[:, i]) for i, name in enumerate(BOX_FIELDS)}
+    return _columns(BOX_FIELDS, boxes)
 
 
 def _image_columns(image_boxes: FloatArray) -> dict[str, pa.Array]:
-    return {name: _nan_as_null(image_boxes[:, i]) for i, name in enumerate(_IMAGE_SIDES)}
+    return _columns(_IMAGE_SIDES, image_boxes)
 
 
-def _nan_as_null(values: FloatArray) -> pa.Array:
-    return pa.array(np.ascontiguousarray(values), from_pandas=True)
+def _columns(names: Sequence[str], values: FloatArray) -> dict[str, pa.Array]:
+    """Columns of numbers, `(n, len(names))`; null where they are NaN."""
+    missing = bool(np.isnan(values).any())
+    columns = np.ascontiguousarray(values.T)
+    return {
+        name: pa.array(column, from_pandas=missing)
+        for name, column in zip(names, columns, strict=True)
+    }
 
 
 def _text(names: Names) -> pa.Array:
+    if len(names.vocabulary) == 1:
+        return pa.repeat(pa.scalar(names.vocabulary[0], pa.string()), len(names.codes))
     vocabulary = pa.array(names.vocabulary or ("",), pa.string())
-    return pa.DictionaryArray.from_arrays(pa.array(names.codes, pa.int64()), vocabulary).cast(
-        pa.string()
-    )
+    return vocabulary.take(pa.array(names.codes, pa.int64()))

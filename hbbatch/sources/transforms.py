@@ -170,16 +170,17 @@ class TransformTree:
     def poses(self, frame: str, world: str, stamps_ns: IntArray) -> FramePoses:
         """world_from_frame at times; `world` is `world_of(frame)`."""
         translation_m = np.zeros((len(stamps_ns), 3))
-        rotation = Rotation.identity(len(stamps_ns))
+        rotation: Rotation | None = None
         exact, known = np.ones((2, len(stamps_ns)), dtype=bool)
         while frame != world:
             frame, edge = self._edge(frame)
             edge_m, edge_rotation, edge_exact, edge_known = _at(edge, stamps_ns)
             translation_m = edge_m + edge_rotation.apply(translation_m)
-            rotation = edge_rotation * rotation
+            rotation = edge_rotation if rotation is None else edge_rotation * rotation
             exact &= edge_exact
             known &= edge_known
-        return FramePoses(world, translation_m, rotation.as_quat(), exact, known)
+        turned = rotation or Rotation.identity(len(stamps_ns))
+        return FramePoses(world, translation_m, turned.as_quat(), exact, known)
 
     def _edge(self, child: str) -> tuple[str, _Edge]:
         edges = self._parents[child]
@@ -213,8 +214,13 @@ def _at(
     after = np.minimum(before + 1, len(times_ns) - 1)
     span_ns = np.maximum(times_ns[after] - times_ns[before], 1)
     share = np.where(after > before, (stamps_ns - times_ns[before]) / span_ns, 0.0)
-    step_m = translations_m[after] - translations_m[before]
-    turn = (rotations[before].inv() * rotations[after]).as_rotvec()
-    rotation = rotations[before] * Rotation.from_rotvec(share[:, None] * turn)
-    moved_m = translations_m[before] + share[:, None] * step_m
-    return moved_m, rotation, np.isin(stamps_ns, times_ns), known
+    nearest = np.where(share == 1, after, before)
+    moved_m, rotation = translations_m[nearest], rotations[nearest].as_quat()
+    # What was logged at the very time is taken as it is.
+    rows = np.flatnonzero((share != 0) & (share != 1))
+    if len(rows):
+        first, second, part = before[rows], after[rows], share[rows, None]
+        turn = (rotations[first].inv() * rotations[second]).as_rotvec()
+        rotation[rows] = (rotations[first] * Rotation.from_rotvec(part * turn)).as_quat()
+        moved_m[rows] += part * (translations_m[second] - translations_m[first])
+    return moved_m, Rotation.from_quat(rotation), np.isin(stamps_ns, times_ns), known
