@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
+from hbbatch.motion.constants import SMALLEST_SIZE_M
 
 Single = NDArray[np.float32]
 IntArray = NDArray[np.int64]
@@ -70,3 +71,15 @@ def difference(measured: FloatArray, prior: FloatArray) -> tuple[FloatArray, NDA
     yaw %= np.pi
     yaw -= np.pi / 2
     return apart, flipped
+
+
+def keep_sizes(boxes: FloatArray, change: Single, per: Single | float) -> None:
+    """Cut changes that would leave a size below `SMALLEST_SIZE_M`, in place.
+
+    Args:
+        boxes: `(7, n)` packed, before the change.
+        change: `(7 or more, n)`, per second if `per` is one over the seconds it lasts.
+        per: `(n,)` or one for all.
+    """
+    least = (SMALLEST_SIZE_M - boxes[SIZE]) * per
+    np.maximum(change[SIZE], least, out=change[SIZE], casting="same_kind")

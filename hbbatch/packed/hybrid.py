@@ -19,6 +19,7 @@ from hbbatch.packed.arrays import (
     IntArray,
     Single,
     difference,
+    keep_sizes,
 )
 from hbbatch.packed.features import predict_features, shared_rows, update_features
 from hbbatch.packed.kalman import (
@@ -91,13 +92,13 @@ class PackedHybrid:
         heading = Heading.of(boxes[YAW_ROW])
         state[rows["tenths"]] = times[TIMES.tenths]
         rate = self._residual(self._predict_features(state, heading))
+        keep_sizes(boxes, rate, times[TIMES.inverse])
         heading.turn(rate[PLAN])
         rate[MOTION] += self._base.advance(state, times)
         history = state[rows["history"]]
         history[7:] = history[:-7]
         history[:7] = rate
         prior: FloatArray = boxes + rate * times[TIMES.dt_s]
-        np.maximum(prior[SIZE], SMALLEST_SIZE_M, out=prior[SIZE])
         np.log(prior[SIZE], out=state[rows["log_size"]], casting="same_kind")
         counters, elapsed = state[rows["counters"]], state[rows["elapsed"]]
         counters += times[TIMES.tenths]
@@ -126,7 +127,7 @@ class PackedHybrid:
         np.multiply(state[rows["q"]], factors[:AXES], out=state[rows["noise"]])
         variance = seen[BOX_VARIANCE].copy()
         variance[MOTION] *= factors[AXES:]
-        change = self._base.correct(state, innovation, variance)
+        change = self._base.correct(boxes, state, innovation, variance)
         state[rows["correction"]] = change[:7]
         self._base.apply(boxes, state, change, heading)
         self._base.settle_heading(boxes, state, flipped)

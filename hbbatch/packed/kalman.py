@@ -18,18 +18,18 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
 from hbbatch.motion.columns import Columns, MotionModel, kalman_order
-from hbbatch.motion.constants import AXES, MAX_HEADING_VOTE, RANGE_UNIT_M, SMALLEST_SIZE_M
+from hbbatch.motion.constants import AXES, MAX_HEADING_VOTE, RANGE_UNIT_M
 from hbbatch.motion.covariance import pairs
 from hbbatch.motion.parameters import KalmanOptions, Parameters
 from hbbatch.packed.arrays import (
     MOTION,
     PLAN,
-    SIZE,
     YAW_ROW,
     Heading,
     IntArray,
     Single,
     difference,
+    keep_sizes,
 )
 from hbbatch.packed.covariance import PackedCovariance
 
@@ -189,14 +189,17 @@ class PackedKalman:
         apart, flipped = difference(measured, boxes)
         innovation = apart.astype(np.float32)
         heading.turn_back(innovation[PLAN])
-        change = self.correct(state, innovation, seen[BOX_VARIANCE])
+        change = self.correct(boxes, state, innovation, seen[BOX_VARIANCE])
         self.apply(boxes, state, change, heading)
         self.settle_heading(boxes, state, flipped)
 
-    def correct(self, state: Single, innovation: Single, variance: Single) -> Single:
+    def correct(
+        self, boxes: FloatArray, state: Single, innovation: Single, variance: Single
+    ) -> Single:
         """Gains times innovation, and posterior covariances.
 
         Args:
+            boxes: prior ones, left as they are.
             state: changed in place.
             innovation: `(7, n)` of a packed box, in the heading frame.
             variance: `(7, n)` of the measurement.
@@ -215,6 +218,7 @@ class PackedKalman:
             start = 7 + AXES * number
             np.multiply(derivative_gain, innovation[MOTION], out=change[start : start + AXES])
         spread -= gain * spread
+        keep_sizes(boxes, change, 1.0)
         return change
 
     def apply(self, boxes: FloatArray, state: Single, change: Single, heading: Heading) -> None:
@@ -222,7 +226,6 @@ class PackedKalman:
         axes = change[MOTION.start :].reshape(1 + len(self._initial), AXES, change.shape[1])
         heading.turn(axes[:, :2])
         boxes += change[:7]
-        np.maximum(boxes[SIZE], SMALLEST_SIZE_M, out=boxes[SIZE])
         state[self._rows["velocity"]] += axes[1]
         if self._model == "ca":
             state[self._rows["acceleration"]] += axes[2]

@@ -14,6 +14,7 @@ from torch import nn
 from hbbatch.model.filters import Measurement
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter, MotionModel
+from hbbatch.motion.constants import SMALLEST_SIZE_M
 from hbbatch.packed.arrays import PACKED
 from tests.model.twins import packed
 
@@ -31,15 +32,17 @@ def shaken(motion: nn.Module) -> nn.Module:
     return motion.eval()
 
 
-def detections(rng: np.random.Generator, near: np.ndarray | None = None) -> Measurement:
+def detections(
+    rng: np.random.Generator, near: np.ndarray | None = None, smallest_m: float = 0.5
+) -> Measurement:
     boxes = rng.normal(0, 0.4, (TRACKS, 7))
     if near is None:
         boxes[:, :2] = rng.uniform(-1e5, 1e5, (TRACKS, 2))
-        boxes[:, 3:6] = rng.uniform([0.5, 0.5, 1], [6, 2.5, 2], (TRACKS, 3))
+        boxes[:, 3:6] = smallest_m * rng.uniform([1, 1, 2], [12, 5, 4], (TRACKS, 3))
         boxes[:, 6] = rng.uniform(-np.pi, np.pi, TRACKS)
     else:
         boxes += near
-        boxes[:, 3:6] = np.maximum(boxes[:, 3:6], 0.1)
+        boxes[:, 3:6] = np.maximum(boxes[:, 3:6], 0.2 * smallest_m)
         boxes[:, 6] += np.pi * rng.integers(0, 2, TRACKS)
     sight = rng.uniform(-40, 40, (TRACKS, 3))
     return Measurement(
@@ -49,13 +52,24 @@ def detections(rng: np.random.Generator, near: np.ndarray | None = None) -> Meas
 
 @pytest.mark.parametrize("model", ["cv", "ca", "ct"])
 @pytest.mark.parametrize("make", [KalmanFilter, HybridFilter])
-@torch.inference_mode()
 def test_a_packed_filter_steps_like_its_module(make: type[nn.Module], model: MotionModel) -> None:
+    assert step_both(make, model, smallest_m=0.5) > SMALLEST_SIZE_M
+
+
+@pytest.mark.parametrize("make", [KalmanFilter, HybridFilter])
+def test_so_it_does_where_no_box_may_get_smaller(make: type[nn.Module]) -> None:
+    assert step_both(make, "ct", smallest_m=0.06) == pytest.approx(SMALLEST_SIZE_M, abs=1e-6)
+
+
+@torch.inference_mode()
+def step_both(make: type[nn.Module], model: MotionModel, smallest_m: float) -> float:
+    """Step a module and its twin side by side; the smallest size any box had."""
     rng = np.random.default_rng(0)
     motion = shaken(make(KINDS, model))
     twin = packed(motion)  # type: ignore[arg-type]
     kinds = rng.integers(0, 3, TRACKS)
-    seen = detections(rng)
+    seen = detections(rng, smallest_m=smallest_m)
+    smallest = np.inf
     boxes, rows = seen.boxes, motion.birth(seen, torch.from_numpy(kinds))
     packed_boxes = boxes.numpy().T[PACKED]
     features = twin.detections(seen.sight_m.numpy(), kinds)
@@ -67,13 +81,15 @@ def test_a_packed_filter_steps_like_its_module(make: type[nn.Module], model: Mot
         assert_same(boxes, packed_boxes)
         if step == 3:  # a step without detections
             continue
-        seen = detections(rng, boxes.numpy())
+        seen = detections(rng, boxes.numpy(), smallest_m)
         boxes, rows = motion.update(boxes, rows, seen)
         features = twin.detections(seen.sight_m.numpy(), kinds)
         twin.update(packed_boxes, state, seen.boxes.numpy().T[PACKED], features)
         assert_same(boxes, packed_boxes)
         velocity = motion.velocity(rows).numpy().T
         assert twin.velocity(state) == pytest.approx(velocity, abs=TOLERANCE, rel=TOLERANCE)
+        smallest = min(smallest, float(boxes[:, 3:6].min()))
+    return smallest
 
 
 def assert_same(boxes: torch.Tensor, packed_boxes: np.ndarray) -> None:
