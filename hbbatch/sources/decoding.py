@@ -10,7 +10,7 @@ import json
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -97,15 +97,16 @@ def decoder(channel: Channel, options: SourceOptions) -> Decoder:
         ) from error
 
 
-def _embedded(channel: Channel, parse: Callable[..., Any]) -> Typestore:
-    """A typestore of its own for each channel, so that one definition cannot spoil another's."""
-    types = parse(channel.definition.decode(), channel.message_type)
+@lru_cache(maxsize=64)
+def _embedded(parse: Callable[[str, str], Any], definition: bytes, kind: str) -> Typestore:
+    """A typestore of its own for each definition, so that one cannot spoil another's."""
+    types = parse(definition.decode(), kind)
     store = get_typestore(Stores.EMPTY)
     for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         if name not in types:
             types.update(get_types_from_msg(_ROS_TIME, name))
     store.register(types)
-    _check_whole(store, channel.message_type)
+    _check_whole(store, kind)
     return store
 
 
@@ -121,27 +122,28 @@ def _check_whole(store: Typestore, kind: str) -> None:
 
 
 def _ros2(channel: Channel, _: SourceOptions) -> Decoder:
-    store = _embedded(channel, get_types_from_msg)
+    store = _embedded(get_types_from_msg, channel.definition, channel.message_type)
     return Decoder(partial(_cdr, store, channel.message_type), store)
 
 
 def _ros2_idl(channel: Channel, _: SourceOptions) -> Decoder:
-    store = _embedded(channel, lambda text, _: get_types_from_idl(_with_separators(text)))
+    store = _embedded(_types_from_idl, channel.definition, channel.message_type)
     return Decoder(partial(_cdr, store, channel.message_type), store)
 
 
-def _with_separators(text: str) -> str:
+def _types_from_idl(text: str, _kind: str) -> Any:
     """IDL files follow one another in a schema, behind lines that are no IDL."""
     kept = [
         line
         for line in text.splitlines()
         if not line.startswith(("=====", "IDL: ")) and not line.startswith("#include")
     ]
-    return "\n".join(kept)
+    return get_types_from_idl("\n".join(kept))
 
 
 def _ros1(channel: Channel, _: SourceOptions) -> Decoder:
-    store, kind = _embedded(channel, get_types_from_msg), channel.message_type
+    kind = channel.message_type
+    store = _embedded(get_types_from_msg, channel.definition, kind)
     return Decoder(lambda data: store.deserialize_ros1(data, kind))
 
 

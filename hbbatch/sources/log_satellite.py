@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray
 from hbbatch.sources.messages.satellite import Fix, Orientation, east_north_up
-from hbbatch.sources.transforms import EXTRAPOLATION_NS, frame_name
+from hbbatch.sources.transforms import EXTRAPOLATION_NS, frame_name, is_rotation
 
 WORLD: Final = "local_enu"
 """Name of the world frame: east, north, up at the first fix."""
@@ -53,7 +53,7 @@ class SatelliteMessages:
             samples = self._fixes.setdefault(topic, _Samples())
             values: tuple[float, ...] = (part.latitude_deg, part.longitude_deg, part.altitude_m)
         else:
-            if not np.isfinite(part.rotation).all() or not any(part.rotation):
+            if not is_rotation(np.array([part.rotation], dtype=np.float64))[0]:
                 return
             samples = self._orientations.setdefault(topic, _Samples())
             values = part.rotation

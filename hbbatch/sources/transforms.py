@@ -33,9 +33,15 @@ def frame_name(frame_id: str) -> str:
 
 
 def usable(columns: TransformColumns) -> NDArray[np.bool_]:
-    """Samples whose values are all finite and whose quaternion is not zero, `(n,)`."""
-    turned: NDArray[np.bool_] = (columns.values[:, 3:] != 0).any(axis=1)
-    return np.isfinite(columns.values).all(axis=1) & turned
+    """Samples whose values are all finite and whose quaternion is a rotation, `(n,)`."""
+    return np.isfinite(columns.values).all(axis=1) & is_rotation(columns.values[:, 3:])
+
+
+def is_rotation(quaternions: FloatArray) -> NDArray[np.bool_]:
+    """Quaternions `(n, 4)` whose length can be divided by: not zero, nor beyond what floats hold."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        square: FloatArray = (quaternions * quaternions).sum(axis=1)
+    return np.isfinite(square) & (square > 0)
 
 
 @dataclass(frozen=True)

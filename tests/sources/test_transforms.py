@@ -128,7 +128,15 @@ def test_of_two_parents_the_one_said_most_often_counts() -> None:
     assert tree.ambiguous() == ["lidar"]
 
 
-@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0, 1.0)])
+@pytest.mark.parametrize(
+    "rotation",
+    [
+        (0.0, 0.0, 0.0, 0.0),
+        (float("nan"), 0.0, 0.0, 1.0),
+        (0.0, 0.0, 1e-300, 0.0),
+        (0.0, 0.0, 1e200, 0.0),
+    ],
+)
 def test_what_is_no_rotation_is_refused(rotation: tuple[float, float, float, float]) -> None:
     assert not add(TransformTree(), "map", "base_link", SECOND, rotation=rotation)
 
