@@ -38,9 +38,9 @@ class PackedCovariance:
         rows += [dt_s**power / divisor for power, divisor in self._noise]
         return np.stack(rows)
 
-    def start(self, covariance: Single, variances: list[Single]) -> None:
-        """Fill blocks of zeros with the variance `(axes, n)` of each derivative."""
-        for place, variance in zip(self._first, variances, strict=True):
+    def start(self, covariance: Single, variances: Single) -> None:
+        """Fill blocks of zeros with the variance `(axes, n)` of each higher derivative."""
+        for place, variance in zip(self._first[1:], variances, strict=True):
             covariance[AXES * place : AXES * (place + 1)] = variance
 
     def propagate(self, covariance: Single, noise: Single, weights: Single) -> None:

@@ -52,7 +52,8 @@ class Features:
         self._free = rows["correction"].start
         limit = np.full((rows.width, 1), FEATURE_LIMIT, np.float32)
         limit[self._place, 0] /= self._factor
-        self._limit = limit[self._free :]
+        self._high = limit[self._free :]
+        self._low = -self._high
 
     def layer(self, weights: Single, biases: Single) -> Single:
         """A layer `(outputs, width)` on these rows, given the module's weights and biases."""
@@ -64,7 +65,7 @@ class Features:
     def limited(self, features: Single) -> Single:
         """Cut features `(width, n)` at what training saw, in place."""
         bounded = features[self._free :]
-        np.clip(bounded, -self._limit, self._limit, out=bounded)
+        bounded.clip(self._low, self._high, out=bounded)
         return features
 
 

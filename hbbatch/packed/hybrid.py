@@ -61,8 +61,10 @@ class PackedHybrid:
         self.height = self._rows.width
         model = KalmanOptions(options.motion_model)
         self._base = PackedKalman(part(parameters, "base"), model, self._rows)
-        self._kind_rows = np.eye(kinds, dtype=np.float32)
-        self._q = np.exp(by_kind(parameters["base.log_q"]))
+        newborn = self._base.newborn
+        newborn[self._rows["one"]] = 1.0
+        newborn[self._rows["kind"]] = np.eye(kinds)
+        newborn[self._rows["q"]] = np.exp(by_kind(parameters["base.log_q"]))
         self._residual = PackedResidual(part(parameters, "residual"), before)
         self._gain = PackedGain(part(parameters, "gain"), after)
         self._before, self._after = before, after
@@ -78,12 +80,8 @@ class PackedHybrid:
 
     def birth(self, boxes: FloatArray, seen: Single, kinds: IntArray) -> Single:
         """See `PackedFilter.birth`; the memory starts empty."""
-        rows = self._rows
         state = self._base.birth(boxes, seen, kinds)
-        state[rows["one"]] = 1.0
-        state[rows["kind"]] = self._kind_rows[:, kinds]
-        state[rows["q"]] = self._q[:, kinds]
-        state[rows["log_size"]] = np.log(np.maximum(boxes[SIZE], SMALLEST_SIZE_M))
+        state[self._rows["log_size"]] = np.log(np.maximum(boxes[SIZE], SMALLEST_SIZE_M))
         return state
 
     def predict(self, boxes: FloatArray, state: Single, times: Single) -> FloatArray:

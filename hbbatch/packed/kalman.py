@@ -114,10 +114,20 @@ class PackedKalman:
         self._log_r = by_kind(parameters["log_r"])
         self._log_r_range = by_kind(parameters["log_r_range"])
         self._r_size = np.exp(by_kind(parameters["log_r_size"]))
-        self._initial = np.exp(parameters["log_initial"]).transpose(1, 2, 0)
-        self._noise = np.exp(by_kind(parameters["log_q"]))
-        self._size_noise = np.exp(by_kind(parameters["log_q_size"]))
         self.height = self._rows.width
+        self.newborn = self._newborn(parameters)
+        self._derivatives = kalman_order(options.model) - 1
+
+    def _newborn(self, parameters: Parameters) -> Single:
+        """State of a track of each kind before its detection is looked at, `(height, kinds)`."""
+        rows = self._rows
+        state = np.zeros((self.height, len(parameters["log_q"])), np.float32)
+        variances = np.exp(parameters["log_initial"]).transpose(1, 2, 0)
+        self._covariance.start(state[rows["covariance"]], variances)
+        state[rows["heading_vote"]] = 1.0
+        state[rows["noise"]] = np.exp(by_kind(parameters["log_q"]))
+        state[rows["size_noise"]] = np.exp(by_kind(parameters["log_q_size"]))
+        return state
 
     def times(self, dt_s: Single) -> Single:
         """See `PackedFilter.times`; rows of `Times`, then the weights of covariances."""
@@ -145,15 +155,8 @@ class PackedKalman:
         kinds: IntArray,
     ) -> Single:
         """See `PackedFilter.birth`."""
-        rows = self._rows
-        state = np.zeros((self.height, len(kinds)), np.float32)
-        self._covariance.start(
-            state[rows["covariance"]], [seen[DETECTION["variance"]], *self._initial[:, :, kinds]]
-        )
-        state[rows["size_variance"]] = seen[DETECTION["size_variance"]]
-        state[rows["heading_vote"]] = 1.0
-        state[rows["noise"]] = self._noise[:, kinds]
-        state[rows["size_noise"]] = self._size_noise[:, kinds]
+        state = self.newborn.take(kinds, axis=1)
+        state[self._box_variance] = seen[BOX_VARIANCE]
         return state
 
     def predict(self, boxes: FloatArray, state: Single, times: Single) -> FloatArray:
@@ -210,7 +213,7 @@ class PackedKalman:
         spread = state[self._box_variance]
         inverse = np.reciprocal(spread + variance)
         gain = spread * inverse
-        change = np.empty((7 + AXES * len(self._initial), innovation.shape[1]), np.float32)
+        change = np.empty((7 + AXES * self._derivatives, innovation.shape[1]), np.float32)
         np.multiply(gain, innovation, out=change[:7])
         covariance = state[self._rows["covariance"]]
         higher = self._covariance.shrink(covariance, gain[MOTION], inverse[MOTION])
@@ -223,7 +226,7 @@ class PackedKalman:
 
     def apply(self, boxes: FloatArray, state: Single, change: Single, heading: Heading) -> None:
         """Turn the changes that `correct` returned to the world's axes, and make them."""
-        axes = change[MOTION.start :].reshape(1 + len(self._initial), AXES, change.shape[1])
+        axes = change[MOTION.start :].reshape(1 + self._derivatives, AXES, change.shape[1])
         heading.turn(axes[:, :2])
         boxes += change[:7]
         state[self._rows["velocity"]] += axes[1]

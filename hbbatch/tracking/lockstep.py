@@ -93,14 +93,12 @@ class LockStep:
         return self._bank.predict(self._frame_at_start[rows.sequence] + step, damping)
 
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
-        """Matched (row, detection number of the group), rows ascending."""
+        """Matched (row, detection number of the group)."""
         start, stop = self._plan.offsets[step], self._plan.offsets[step + 1]
         if start == stop:
             return Pairs.none()
         targets = self._targets.batch(start, stop)
-        found = match(priors, self._rows.block, targets, self._settings.association)
-        order = np.argsort(found.track)
-        return found.take(order)
+        return match(priors, self._rows.block, targets, self._settings.association)
 
     def _settle(self, pairs: Pairs) -> int:
         """Count misses; matched rows go to the front, those that die now to the end.
