@@ -14,6 +14,9 @@ _BOUND_M: Final = 0.25
 _NEIGHBOURS: Final = 4
 """Steps on either side that say what a step should have been."""
 
+_SUDDEN_M_S2: Final = 30.0
+"""No vehicle accelerates like this: three times what tyres hold."""
+
 _LONGEST_STEP_S: Final = 0.25
 """Over longer steps a vehicle may well change its speed by more than the bound."""
 
@@ -23,7 +26,9 @@ _SHOWN: Final = 10
 def jumps_problem(translations_m: FloatArray, stamps_ns: IntArray) -> str | None:
     """What to say of steps that are off by more than 0.25 m; None where there are none.
 
-    A step is held against the median velocity of the steps around it, times its duration.
+    A step is held against the median velocity of the steps around it, times its duration; and where
+    the velocity changes suddenly against that of the steps before, since a receiver may correct
+    itself over many steps, of which the first one is named.
 
     Args:
         translations_m: `(n, 3)` positions in the world frame.
@@ -32,16 +37,41 @@ def jumps_problem(translations_m: FloatArray, stamps_ns: IntArray) -> str | None
     if len(stamps_ns) < 2 * _NEIGHBOURS + 2:
         return None
     seconds = np.diff(stamps_ns)[:, None] / 1e9
-    steps_m = np.diff(translations_m, axis=0)
-    lasting = np.maximum(seconds, 1e-9)
-    padded = np.pad(
-        steps_m / lasting, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="reflect", reflect_type="odd"
-    )
-    usual_m_s = np.median(sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0), axis=-1)
-    off_m = np.linalg.norm(steps_m - usual_m_s * seconds, axis=1)
+    # Positions of a damaged log may be too far apart to square.
+    with np.errstate(over="ignore", invalid="ignore"):
+        off_m = _off_m(np.diff(translations_m, axis=0), seconds)
     jumps = np.flatnonzero((off_m > _BOUND_M) & (seconds[:, 0] <= _LONGEST_STEP_S))
     if not len(jumps):
         return None
     shown = ", ".join(str(frame + 1) for frame in jumps[:_SHOWN])
     more = f" and {len(jumps) - _SHOWN} more" if len(jumps) > _SHOWN else ""
     return f"ego pose jumps at frames {shown}{more} (by up to {off_m[jumps].max():.2f} m)"
+
+
+def _off_m(steps_m: FloatArray, seconds: FloatArray) -> FloatArray:
+    """How far each step is off, `(n,)`."""
+    velocity_m_s = steps_m / np.maximum(seconds, 1e-9)
+    change_m_s = np.diff(velocity_m_s, axis=0, prepend=velocity_m_s[:1])
+    sudden = np.linalg.norm(change_m_s, axis=1) > _SUDDEN_M_S2 * seconds[:, 0]
+    off_m = np.linalg.norm(steps_m - _usual(velocity_m_s) * seconds, axis=1)
+    off_before_m = np.linalg.norm(steps_m - _before(velocity_m_s) * seconds, axis=1)
+    worst_m: FloatArray = np.maximum(off_m, np.where(sudden, off_before_m, 0.0))
+    return worst_m
+
+
+def _usual(velocity_m_s: FloatArray) -> FloatArray:
+    """Median velocity of each step and those on either side; beyond the ends as inside."""
+    width = ((_NEIGHBOURS, _NEIGHBOURS), (0, 0))
+    padded = np.pad(velocity_m_s, width, mode="reflect", reflect_type="odd")
+    return _medians(padded, 2 * _NEIGHBOURS + 1)
+
+
+def _before(velocity_m_s: FloatArray) -> FloatArray:
+    """Median velocity of the steps before each."""
+    padded = np.pad(velocity_m_s, ((_NEIGHBOURS, 0), (0, 0)), mode="edge")
+    return _medians(padded[:-1], _NEIGHBOURS)
+
+
+def _medians(values: FloatArray, width: int) -> FloatArray:
+    medians: FloatArray = np.median(sliding_window_view(values, width, axis=0), axis=-1)
+    return medians

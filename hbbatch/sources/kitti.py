@@ -199,10 +199,16 @@ class KittiSequence:
         images, _ = self._images()
         labelled = int(labels.frame_index.max(initial=-1)) + 1 if labels else 0
         needed = max(images, labelled, detections.frames_needed)
-        if oxts_lines and oxts_lines < needed:
+        if oxts_lines and oxts_lines < images:
             raise SourceError(
-                f"{self._part('oxts')}: {oxts_lines} lines for {needed} frames. Restore the file "
+                f"{self._part('oxts')}: {oxts_lines} lines for {images} images. Restore the file "
                 "from its origin, or remove it to go on without ego poses."
+            )
+        if oxts_lines and oxts_lines < needed:
+            where = self._part("label_02") if labelled == needed else self._detection_files()[-1]
+            raise SourceError(
+                f"{where}: goes up to frame {needed - 1}, {self._part('oxts')} has {oxts_lines} "
+                "lines, one a frame. Check that both are of the same sequence, and whole."
             )
         if not needed and not oxts_lines:
             raise SourceError(

@@ -24,6 +24,9 @@ from hbbatch.sources.kitti_text import FRAME_LAYOUT, TextRows, parse_rows
 _MAX_JUMP_FRAMES: Final = 100_000
 """Frames between two detections at most: almost three hours in which nothing is seen."""
 
+_MOST_DIGITS: Final = 18
+"""Of the name of a file a frame, so that it is a number of 64 bits."""
+
 SIZES_MUST_BE_POSITIVE: Final = "height, width and length must be greater than zero"
 
 
@@ -120,9 +123,9 @@ def read_detections(files: list[Path], sequence_id: str) -> KittiDetections:
             absurd.
     """
     parts = [_read_file(path, sequence_id) for path in files]
+    check_frames(parts)
     frame_index = np.concatenate([frames for frames, _ in parts])
     order = np.argsort(frame_index, kind="stable")
-    _check_jumps(parts, frame_index, order)
     names = [name for _, rows in parts for name in rows.types]
     return KittiDetections(
         frame_index=frame_index[order],
@@ -138,7 +141,7 @@ def _read_file(path: Path, sequence_id: str) -> tuple[IntArray, TextRows]:
     if path.stem == sequence_id and path.parent.name != sequence_id:
         rows = parse_rows(path)
         return rows.whole("frame", 0), rows
-    if not path.stem.isdecimal():
+    if not path.stem.isdecimal() or len(path.stem) > _MOST_DIGITS:
         raise SourceError(
             f"{path}: one file a frame is named by its number, as in 000017.txt. "
             "Rename the file or move it away."
@@ -147,10 +150,17 @@ def _read_file(path: Path, sequence_id: str) -> tuple[IntArray, TextRows]:
     return np.full(len(rows.lines), int(path.stem), dtype=np.int64), rows
 
 
-def _check_jumps(
-    parts: list[tuple[IntArray, TextRows]], frame_index: IntArray, order: IntArray
-) -> None:
-    """Refuse a frame that lies absurdly far behind the one before: all between would be made."""
+def check_frames(parts: list[tuple[IntArray, TextRows]]) -> None:
+    """Refuse a frame that lies absurdly far behind the one before: all between would be made.
+
+    Args:
+        parts: `(n,)` frame numbers and the lines they are of, for each file of a sequence.
+
+    Raises:
+        SourceError: names the first such line.
+    """
+    frame_index = np.concatenate([frames for frames, _ in parts])
+    order = np.argsort(frame_index, kind="stable")
     jumps = np.zeros(len(order), dtype=bool)
     jumps[order] = np.diff(frame_index[order], prepend=0) > _MAX_JUMP_FRAMES
     ends = np.cumsum([len(frames) for frames, _ in parts])

@@ -8,7 +8,7 @@ import numpy as np
 
 from hbbatch.sources.base import Labels, flat_boxes
 from hbbatch.sources.classes import DONT_CARE, normalise_class
-from hbbatch.sources.kitti_detections import SIZES_MUST_BE_POSITIVE, image_boxes
+from hbbatch.sources.kitti_detections import SIZES_MUST_BE_POSITIVE, check_frames, image_boxes
 from hbbatch.sources.kitti_geometry import SENSOR_FRAME, sensor_boxes
 from hbbatch.sources.kitti_text import LABEL_LAYOUT, parse_rows
 
@@ -20,10 +20,12 @@ def read_labels(path: Path) -> Labels:
     """All labels of a sequence; DontCare regions have object id -1 and no 3D box.
 
     Raises:
-        SourceError: a line is malformed, or a box has a size of zero or less.
+        SourceError: a line is malformed, a box has a size of zero or less, or a frame number is
+            absurd.
     """
     rows = parse_rows(path, LABEL_LAYOUT)
     frame_index = rows.whole("frame", 0)
+    check_frames([(frame_index, rows)])
     ignored = np.array([normalise_class(name) == DONT_CARE for name in rows.types], dtype=bool)
     boxes = sensor_boxes(rows.stack("height width length x y z ry"))
     rows.refuse(flat_boxes(boxes) & ~ignored, SIZES_MUST_BE_POSITIVE)

@@ -38,7 +38,7 @@ def usable(columns: TransformColumns) -> NDArray[np.bool_]:
 
 
 def is_rotation(quaternions: FloatArray) -> NDArray[np.bool_]:
-    """Quaternions `(n, 4)` whose length can be divided by: not zero, nor beyond what floats hold."""
+    """Quaternions `(n, 4)` whose length is a number that can be divided by, `(n,)`."""
     with np.errstate(over="ignore", invalid="ignore"):
         square: FloatArray = (quaternions * quaternions).sum(axis=1)
     return np.isfinite(square) & (square > 0)

@@ -31,6 +31,15 @@ def test_a_correction_of_the_receiver_is_named_with_its_frame() -> None:
     assert problem.startswith("ego pose jumps at frames 40 (by up to 0.5")
 
 
+def test_a_correction_over_many_frames_is_named_where_it_sets_in() -> None:
+    """The receiver of a car that stands walks off by 2 m, ever slower."""
+    path = braking_in_a_turn()
+    path[60:, 1] += 2 * (1 - np.exp(-np.arange(1, FRAMES - 59) / 6))
+    problem = jumps_problem(path, STAMPS_NS)
+    assert problem is not None
+    assert problem.startswith("ego pose jumps at frames 60 (by up to 0.3")
+
+
 def test_a_missing_frame_is_no_jump() -> None:
     kept = np.delete(np.arange(FRAMES), [30])
     assert jumps_problem(braking_in_a_turn()[kept], STAMPS_NS[kept]) is None

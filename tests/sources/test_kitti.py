@@ -215,11 +215,21 @@ BAD_PARTS = {
         {"calibration": calibration_text(R0_rect="1 0 0")},
         r"calib/0000\.txt:2: R0_rect should be 9 or 12 numbers",
     ),
-    "short oxts": ({"oxts": oxts_text(2)}, r"oxts/0000\.txt: 2 lines for 3 frames"),
+    "short oxts": (
+        {"oxts": oxts_text(2)},
+        r"det_02/0000\.txt: goes up to frame 2, .*oxts/0000\.txt has 2 lines",
+    ),
     "empty oxts": ({"oxts": ""}, r"oxts/0000\.txt: holds no line"),
     "cut oxts": ({"oxts": oxts_text(3)[:-9]}, r"oxts/0000\.txt:3: 26 columns, expected 30"),
     "flat label": ({"labels": f"0 7 {CAR.replace('1.6', '0')}\n"}, r"label_02/0000\.txt:1: "),
-    "late label": ({"labels": f"9 7 {CAR}\n"}, r"oxts/0000\.txt: 3 lines for 10 frames"),
+    "late label": (
+        {"labels": f"9 7 {CAR}\n"},
+        r"label_02/0000\.txt: goes up to frame 9, .*oxts/0000\.txt has 3 lines",
+    ),
+    "absurd label": (
+        {"labels": f"2 7 {CAR}\n2000000000 7 {CAR}\n"},
+        r"label_02/0000\.txt:2: frame 2000000000 is more than 100,000 frames behind",
+    ),
 }
 
 
@@ -360,4 +370,14 @@ def test_an_absurd_frame_number_names_file_and_line(
     if not with_oxts:
         (root / "oxts" / "0000.txt").unlink()
     with pytest.raises(SourceError, match=r"det_02/0000\.txt:2: frame "):
+        read(root)
+
+
+def test_a_file_whose_number_is_beyond_all_numbers(tmp_path: Path) -> None:
+    root = write_sequence(tmp_path)
+    (root / "det_02" / "0000.txt").unlink()
+    path = root / "det_02" / "0000" / f"{'9' * 30}.txt"
+    path.parent.mkdir()
+    path.write_text(f"{CAR} 0.9\n")
+    with pytest.raises(SourceError, match=rf"{path.name}: one file a frame is named by its number"):
         read(root)
