@@ -15,7 +15,12 @@ def bench(
         list[Path] | None, typer.Argument(help="Dataset folders to measure stepping on.")
     ] = None,
     end_to_end: Annotated[
-        Path | None, typer.Option(help="Dataset to run `hbbatch track` on with 1 and 2 workers.")
+        list[Path] | None,
+        typer.Option(help="Dataset to run `hbbatch track` on with 1 and 2 workers. Repeatable."),
+    ] = None,
+    sequences: Annotated[
+        list[int] | None,
+        typer.Option(min=1, help="Run it on so many, repeating those there are. Repeatable."),
     ] = None,
     weights: Annotated[
         str | None, typer.Option(help="Shipped weights by name, or a .safetensors file.")
@@ -41,10 +46,11 @@ def bench(
     settings = {"filter": filter_name.value, "weights": weights}
     request = BenchRequest(
         datasets=tuple(dataset or [DEFAULT_DATASET]),
-        end_to_end=end_to_end,
+        end_to_end=tuple(end_to_end or ()),
         settings=validate(TrackSettings, settings, "options"),
         runs=runs,
         repeats=tuple(repeat or (1, 10)),
+        sequences=tuple(sequences or (50,)),
     )
     tables = run_bench(request, lambda what: complain(f"measuring: {what}"))
     if markdown is not None:

@@ -7,12 +7,8 @@ ones depend on the machine and on what else it does.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +21,13 @@ import numpy as np
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
 from hbbatch.errors import HbbatchError
+from hbbatch.runner.bench_end_to_end import end_to_end, start_up, two_at_once
+from hbbatch.runner.bench_report import Table
 from hbbatch.runner.dealing import SequenceJob
 from hbbatch.runner.timing import peak_rss_mb
 from hbbatch.runner.worker import LoadedTracker, Order, load_tracker, track_group
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
-from hbbatch.tracking.workload import Effort, Way, Workload, sgemm_rate
+from hbbatch.tracking.workload import Effort, Way, Workload, copy_rate, sgemm_rate
 
 _STAGES = ("predict", "associate", "update", "manage")
 _PLAIN_FRAMES = 100
@@ -43,27 +41,19 @@ class BenchRequest:
 
     Attributes:
         datasets: folders of datasets, each measured by itself.
-        end_to_end: dataset to run `hbbatch track` on; none skips it.
+        end_to_end: datasets to run `hbbatch track` on, together; none skips it.
         settings: filter and all else that decides the tracks.
         runs: repetitions of each measurement.
         repeats: how often the first dataset is repeated to see that cost is linear.
+        sequences: how many sequences to run `hbbatch track` on, each number by itself.
     """
 
     datasets: tuple[Path, ...]
-    end_to_end: Path | None
+    end_to_end: tuple[Path, ...]
     settings: TrackSettings
     runs: int = 5
     repeats: tuple[int, ...] = (1, 10)
-
-
-@dataclass(frozen=True)
-class Table:
-    """A titled table of texts, with what it means."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-    note: str = ""
+    sequences: tuple[int, ...] = (50,)
 
 
 def bench(request: BenchRequest, progress: Callable[[str], None]) -> list[Table]:
@@ -77,7 +67,11 @@ def bench(request: BenchRequest, progress: Callable[[str], None]) -> list[Table]
         "crowds": partial(_crowds, request, workload),
         "repeated sequences": partial(_scaling, request, workload, groups),
         "files": partial(_files, request),
-        "end to end": partial(_end_to_end, request),
+        "start-up": partial(start_up, request.runs),
+        "two processes at once": two_at_once,
+        "end to end": partial(
+            end_to_end, request.end_to_end, request.sequences, request.settings, request.runs
+        ),
     }
     tables = []
     for what, measure in measures.items():
@@ -105,6 +99,7 @@ def _machine(workload: Workload) -> Table:
         [
             ("float32 matrix product, 1024³", f"{big / 1e9:.1f} G multiply-adds/s"),
             ("float32 matrix product, 128 x 95 x 100", f"{small / 1e9:.1f} G multiply-adds/s"),
+            ("copy of 64 MB, bytes read and written", f"{copy_rate(64_000_000) / 1e9:.1f} GB/s"),
             ("network, to predict one track", f"{predict:,} multiply-adds"),
             ("network, to correct one track", f"{update:,} multiply-adds"),
         ],
@@ -124,11 +119,14 @@ def _compute(
         (
             *("detections", "frames", "track steps", "rows a step", "ms a step", "frames/s"),
             *("track steps/s", *_STAGES, "x plain loop", "x arithmetic floor"),
+            *("multiply-adds a step", "bytes a step", "x copy floor"),
         ),
         rows,
         "The plain loop steps one sequence at a time and one track at a time, with the same filter "
         "and costs; it is measured on the start of each set, in the same run. The arithmetic floor "
-        "is the network's multiply-adds at the rate of a 1024³ product.",
+        "is the network's multiply-adds at the rate of a 1024³ product. The copy floor is the least "
+        "that has to be read and written (weights once a step, each track's row and box once to "
+        "predict and once to correct) at the rate of a copy of 64 MB.",
     )
 
 
@@ -140,6 +138,7 @@ def _compute_row(
     frames = _frame_count(group)
     shares = [getattr(effort.stages, stage) / effort.seconds for stage in _STAGES]
     rate = frames / effort.seconds
+    moved, multiplied = workload.bytes_moved(effort), _multiply_adds(effort, workload)
     start = _head(group[0], _PLAIN_FRAMES)
     plain = start.frame_count / workload.step_plainly(start)
     return (
@@ -148,12 +147,18 @@ def _compute_row(
         *(f"{rate:,.0f}", f"{effort.predicted / effort.seconds:,.0f}"),
         *(f"{share:.0%}" for share in shares),
         *(f"{rate / plain:,.0f}", _over_floor(effort, workload)),
+        *(f"{multiplied / effort.steps:,.0f}", f"{moved / effort.steps:,.0f}"),
+        f"{effort.seconds / (moved / copy_rate(64_000_000)):.0f}",
     )
 
 
-def _over_floor(effort: Effort, workload: Workload) -> str:
+def _multiply_adds(effort: Effort, workload: Workload) -> int:
     predict, update = workload.multiply_adds()
-    needed = predict * effort.predicted + update * effort.updated
+    return predict * effort.predicted + update * effort.updated
+
+
+def _over_floor(effort: Effort, workload: Workload) -> str:
+    needed = _multiply_adds(effort, workload)
     if not needed:
         return "-"
     return f"{effort.seconds / (needed / sgemm_rate(1024, 1024, 1024)):.1f}"
@@ -289,56 +294,6 @@ def _one_worker(
     if failed:
         raise HbbatchError(f"{path}: {failed[0].sequence_id} failed: {failed[0].error}")
     return [outcome.timing for outcome in outcomes if outcome.timing is not None], wall_s
-
-
-def _end_to_end(request: BenchRequest) -> Table:
-    rows: list[tuple[str, ...]] = []
-    path = request.end_to_end
-    if path is None:
-        return Table("", (), rows)
-    walls: dict[int, list[float]] = {1: [], 2: []}
-    reports: dict[int, dict[str, Any]] = {}
-    for _ in range(request.runs):  # turn about, so that load hits both
-        for workers in walls:
-            wall_s, reports[workers] = _command(path, request.settings, workers)
-            walls[workers].append(wall_s)
-    one = statistics.median(walls[1])
-    for workers, seconds in walls.items():
-        median, frames = statistics.median(seconds), reports[workers]["frames"]
-        rows.append(
-            (
-                *(path.name, str(len(reports[workers]["tracked"])), f"{frames:,}", str(workers)),
-                *(f"{median:.2f}", f"{min(seconds):.2f}", f"{frames / median:,.0f}"),
-                f"{one / median:.2f}",
-            )
-        )
-    return Table(
-        "`hbbatch track` end to end, start of Python and of the workers counted",
-        (
-            *("dataset", "sequences", "frames", "workers", "median s", "best s", "frames/s"),
-            "x one worker",
-        ),
-        rows,
-    )
-
-
-def _command(path: Path, settings: TrackSettings, workers: int) -> tuple[float, dict[str, Any]]:
-    run = _fresh_run(Dataset.open(path))
-    arguments = ["track", "--dataset", str(path), "--workers", str(workers), "--run", run.name]
-    arguments += ["--filter", settings.filter, "--device", "cpu", "--json"]
-    if settings.weights is not None:
-        arguments += ["--weights", settings.weights]
-    start = time.perf_counter()
-    try:
-        done = subprocess.run(  # noqa: S603 - our own command line
-            [sys.executable, "-m", "hbbatch", *arguments], capture_output=True, text=True
-        )
-        wall_s = time.perf_counter() - start
-    finally:
-        shutil.rmtree(run.root, ignore_errors=True)
-    if done.returncode not in (0, 3):
-        raise HbbatchError(f"hbbatch track ended with {done.returncode}: {done.stderr.strip()}")
-    return wall_s, json.loads(done.stdout)
 
 
 def _fresh_run(dataset: Dataset) -> Run:

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hbbatch.dataset import write_aside
 from hbbatch.errors import UsageError
-from hbbatch.runner.bench import Table
 
 BEGIN: Final = "<!-- hbbatch bench: begin -->"
 END: Final = "<!-- hbbatch bench: end -->"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table of texts, with what it means."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    note: str = ""
 
 
 def as_markdown(tables: Sequence[Table]) -> str:

@@ -5,13 +5,13 @@ Used by `hbbatch bench`; refining and files are not part of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
-import torch
+from threadpoolctl import threadpool_limits
 from torch import nn
 
 from hbbatch.config import TrackSettings
@@ -81,6 +81,16 @@ class Workload:
         track_plainly(frames, self._motion, self._kinds, self._settings)
         return perf_counter() - start
 
+    def bytes_moved(self, effort: Effort) -> int:
+        """The least that stepping reads and writes.
+
+        The networks' weights once a step, and of each track's row and box what was and what
+        becomes of it, once to predict and once to correct.
+        """
+        row_bytes = 4 * self._motion.width + 8 * 7
+        weights_bytes = 4 * sum(self.multiply_adds())
+        return effort.steps * weights_bytes + 2 * row_bytes * (effort.predicted + effort.updated)
+
     def multiply_adds(self) -> tuple[int, int]:
         """Of the network, for one track: to predict and to correct."""
         parts = dict(self._motion.named_children())
@@ -89,14 +99,27 @@ class Workload:
 
 def sgemm_rate(rows: int, inner: int, columns: int, seconds: float = 0.3) -> float:
     """Multiply-adds a second of float32 matrix products of a size, in this thread."""
-    first, second = torch.randn(rows, inner), torch.randn(inner, columns)
+    threadpool_limits(1, user_api="blas")
+    first = np.ones((rows, inner), np.float32)
+    second, product = np.ones((inner, columns), np.float32), np.empty((rows, columns), np.float32)
+    taken_s = _median_s(lambda: np.matmul(first, second, out=product), seconds)
+    return rows * inner * columns / taken_s
+
+
+def copy_rate(size_bytes: int, seconds: float = 0.3) -> float:
+    """Bytes a second that this thread reads and writes when it copies so many."""
+    source, target = np.ones(size_bytes // 4, np.float32), np.empty(size_bytes // 4, np.float32)
+    return 2 * source.nbytes / _median_s(lambda: np.copyto(target, source), seconds)
+
+
+def _median_s(work: Callable[[], object], seconds: float) -> float:
     times: list[float] = []
     end = perf_counter() + seconds
     while perf_counter() < end or len(times) < 5:
         start = perf_counter()
-        torch.mm(first, second)
+        work()
         times.append(perf_counter() - start)
-    return rows * inner * columns / float(np.median(times))
+    return float(np.median(times))
 
 
 def _weights(part: nn.Module | None) -> int:

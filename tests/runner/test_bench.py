@@ -11,7 +11,7 @@ from hbbatch.config import TrackSettings
 from hbbatch.errors import UsageError
 from hbbatch.runner import bench as bench_module
 from hbbatch.runner.bench import BenchRequest, bench, synthetic_crowd
-from hbbatch.runner.bench_report import BEGIN, END, as_markdown, write_markdown
+from hbbatch.runner.bench_report import BEGIN, END, Table, as_markdown, write_markdown
 from tests.runner.small_dataset import make_dataset
 
 DOCUMENT = f"# Speed\n\nHow.\n\n{BEGIN}\nold figures\n{END}\n\nWhy.\n"
@@ -25,14 +25,15 @@ def test_every_table_is_measured_and_nothing_is_left_behind(
     dataset = make_dataset(tmp_path / "small", "a", "b")
     request = BenchRequest(
         datasets=(dataset.root,),
-        end_to_end=dataset.root,
+        end_to_end=(dataset.root,),
         settings=TrackSettings(),
         runs=1,
         repeats=(1,),
+        sequences=(3,),
     )
     told: list[str] = []
     tables = bench(request, told.append)
-    assert len(tables) == len(told) == 7
+    assert len(tables) == len(told) == 9
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     by_title = {table.title: table for table in tables}
     (row, _) = next(t for title, t in by_title.items() if title.startswith("Stepping")).rows
@@ -52,7 +53,7 @@ def test_a_crowd_keeps_its_density() -> None:
 def test_figures_replace_what_stands_between_the_markers(tmp_path: Path) -> None:
     path = tmp_path / "performance.md"
     path.write_text(DOCUMENT)
-    table = bench_module.Table("This core", ("figure", "value"), [("rate", "1")], "A note.")
+    table = Table("This core", ("figure", "value"), [("rate", "1")], "A note.")
     write_markdown(path, [table])
     text = path.read_text()
     assert "old figures" not in text
