@@ -124,9 +124,9 @@ def _compute(
         rows,
         "The plain loop steps one sequence at a time and one track at a time, with the same filter "
         "and costs; it is measured on the start of each set, in the same run. The arithmetic floor "
-        "is the network's multiply-adds at the rate of a 1024³ product, the copy floor the least that "
-        "has to be read and written (weights once a step, each track's row and box once to "
-        "predict and once to correct) at the rate of a copy of 64 MB.",
+        "is the network's multiply-adds at the rate of a 1024³ product. The copy floor: the least "
+        "to be read and written (weights once a step, each track's row and box once to predict and "
+        "once to correct) at the rate of a copy of 64 MB.",
     )
 
 
