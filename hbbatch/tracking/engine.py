@@ -13,6 +13,7 @@ from hbbatch.tracking.bank import MakeBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import packed_banks
+from hbbatch.tracking.pieces import cut, joined
 from hbbatch.tracking.refine import refine
 from hbbatch.tracking.schedule import schedule
 from hbbatch.tracking.tracks import TrackedSequence
@@ -40,9 +41,11 @@ class Tracker:
 
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
-        plan = schedule(group)
+        pieces = cut(group, self.settings.management)
+        plan = schedule([piece.frames for piece in pieces])
         bank = self._make_bank(plan, self._kinds[plan.class_codes])
-        for number, tracks, seconds in LockStep(plan, bank, self._kinds, self.settings).run():
+        lock_step = LockStep(plan, bank, self._kinds, self.settings)
+        for number, tracks, seconds in joined(pieces, lock_step.run()):
             frames = group[number]
             done = refine(tracks, frames, self.settings.output, self.class_names)
             yield replace(done, seconds=seconds)

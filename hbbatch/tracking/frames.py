@@ -60,6 +60,24 @@ class SequenceFrames:
         """Frames of the sequence, empty ones included."""
         return len(self.timestamp_ns)
 
+    def part(self, first: int, stop: int) -> SequenceFrames:
+        """Frames `first` to before `stop` as a sequence of their own."""
+        frames = slice(first, stop)
+        start, end = self.offsets[first], self.offsets[stop]
+        rows = slice(start, end)
+        return SequenceFrames(
+            sequence_id=self.sequence_id,
+            timestamp_ns=self.timestamp_ns[frames],
+            offsets=self.offsets[first : stop + 1] - start,
+            boxes=self.boxes[rows],
+            sight_m=self.sight_m[rows],
+            scores=self.scores[rows],
+            class_codes=self.class_codes[rows],
+            detection_ids=self.detection_ids[rows],
+            rotation=self.rotation[frames],
+            translation_m=self.translation_m[frames],
+        )
+
 
 def sequence_frames(
     sequence_id: str,

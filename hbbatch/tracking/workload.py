@@ -21,6 +21,7 @@ from hbbatch.tracking.bank import FilterBank, MakeBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import packed_banks
+from hbbatch.tracking.pieces import cut
 from hbbatch.tracking.plain import track_plainly
 from hbbatch.tracking.schedule import schedule
 from hbbatch.tracking.tensor_bank import tensor_banks
@@ -66,7 +67,7 @@ class Workload:
     def step(self, group: Sequence[SequenceFrames], way: Way = "packed") -> Effort:
         """Track a group in lock step."""
         start = perf_counter()
-        plan = schedule(group)
+        plan = schedule([piece.frames for piece in cut(group, self._settings.management)])
         bank = _Counting(self._ways[way](plan, self._kinds[plan.class_codes]))
         stages = StageSeconds()
         for _, _, share in LockStep(plan, bank, self._kinds, self._settings).run():
