@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from rosbags.typesys.store import Typestore
 
 from hbbatch.errors import SourceError
 from hbbatch.sources.base import IntArray, SourceOptions
@@ -20,7 +22,7 @@ from hbbatch.sources.columns import (
     from_messages,
     from_samples,
 )
-from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder
+from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder, layout
 
 _One = TypeVar("_One")
 _Many = TypeVar("_Many")
@@ -32,32 +34,32 @@ class ChannelReader(Generic[_One, _Many]):
 
     Attributes:
         channel: the channel.
+        options: what the user said about the source.
         read_one: what one decoded message says.
         join: many of those as a batch.
-        walk: a batch from the bytes of all messages, None where there is no direct walk.
-        decode: bytes to a decoded message, None when the channel cannot be decoded.
-        problem: why it cannot be decoded.
-        note: what a user should know of how it is decoded.
+        walks: by type, what makes the direct walk for a definition.
+        problem: why messages that were met cannot be decoded.
+        note: what a user should know of how they are decoded.
         undecodable: messages that did not fit their definition.
     """
 
     channel: Channel
+    options: SourceOptions
     read_one: Callable[[Any], _One]
     join: Callable[[Sequence[_One]], _Many]
-    walk: Callable[[Payloads], _Many] | None
-    decode: Callable[[bytes], Any] | None
+    walks: Mapping[str, Callable[[Typestore, str], Callable[[Payloads], _Many]]]
     problem: str = ""
     note: str = ""
     undecodable: int = 0
 
     def read(self, messages: Payloads) -> tuple[_Many, IntArray] | None:
         """What messages say, and which of them could be read; None when none could."""
-        if self.walk is not None:
+        if self._walk is not None:
             try:
-                return self.walk(messages), np.arange(len(messages))
+                return self._walk(messages), np.arange(len(messages))
             except WalkRefusedError:
                 pass
-        return None if self.decode is None else self._one_by_one(messages, self.decode)
+        return None if self._decoder is None else self._one_by_one(messages, self._decoder.decode)
 
     def _one_by_one(
         self, messages: Payloads, decode: Callable[[bytes], Any]
@@ -71,60 +73,50 @@ class ChannelReader(Generic[_One, _Many]):
                 self.undecodable += 1
         return (self.join(said), np.array(kept, dtype=np.int64)) if said else None
 
+    @cached_property
+    def _walk(self) -> Callable[[Payloads], _Many] | None:
+        """A batch from the bytes of all messages, None where there is no direct walk."""
+        kind = self.channel.message_type
+        if kind not in self.walks:
+            return None
+        store = layout(self.channel) or (self._decoder and self._decoder.typestore)
+        try:
+            return self.walks[kind](store, kind) if store else None
+        except (WalkRefusedError, KeyError, RecursionError):
+            return None
+
+    @cached_property
+    def _decoder(self) -> Decoder | None:
+        """For what is not walked; making it takes longer than making a walk."""
+        try:
+            made = decoder(self.channel, self.options)
+        except SourceError as error:
+            self.problem = str(error)
+            return None
+        self.note = made.note
+        return made
+
 
 def detection_reader(
     channel: Channel, read: Callable[[Any], Any], options: SourceOptions
 ) -> ChannelReader[Any, DetectionColumns]:
     """The reader of a channel of detections."""
-    decoding, problem = _decoding(channel, options)
-    return ChannelReader(
-        channel,
-        read,
-        from_messages,
-        _walk(DETECTION_WALKS, channel, decoding),
-        decoding.decode if decoding else None,
-        problem,
-        decoding.note if decoding else "",
-    )
+    return ChannelReader(channel, options, read, from_messages, DETECTION_WALKS)
 
 
 def transform_reader(
     channel: Channel, read: Callable[[Any], Any], options: SourceOptions
 ) -> ChannelReader[Any, TransformColumns]:
     """The reader of a channel of transforms or poses."""
-    decoding, problem = _decoding(channel, options)
-    return ChannelReader(
-        channel,
-        lambda message: list(read(message)),
-        from_samples,
-        _walk(TRANSFORM_WALKS, channel, decoding),
-        decoding.decode if decoding else None,
-        problem,
-        decoding.note if decoding else "",
-    )
+
+    def samples(message: Any) -> list[Any]:
+        return list(read(message))
+
+    return ChannelReader(channel, options, samples, from_samples, TRANSFORM_WALKS)
 
 
 def satellite_reader(
     channel: Channel, read: Callable[[Any], Any], options: SourceOptions
 ) -> ChannelReader[Any, list[Any]]:
     """The reader of a channel of satellite fixes or orientations."""
-    decoding, problem = _decoding(channel, options)
-    decode = decoding.decode if decoding else None
-    note = decoding.note if decoding else ""
-    return ChannelReader(channel, read, list, None, decode, problem, note)
-
-
-def _decoding(channel: Channel, options: SourceOptions) -> tuple[Decoder | None, str]:
-    try:
-        return decoder(channel, options), ""
-    except SourceError as error:
-        return None, str(error)
-
-
-def _walk(walks: Any, channel: Channel, decoding: Decoder | None) -> Any:
-    if decoding is None or decoding.typestore is None or channel.message_type not in walks:
-        return None
-    try:
-        return walks[channel.message_type](decoding.typestore, channel.message_type)
-    except (WalkRefusedError, KeyError, RecursionError):
-        return None
+    return ChannelReader(channel, options, read, list, {})

@@ -350,6 +350,10 @@ class _Run:
             numbers.update({path: block[:, column] for column, path in enumerate(paths)})
         texts = {}
         for path, places in self._texts.items():
+            if all(int(length.max(initial=0)) <= 1 for _, _, length in places):
+                count = sum(len(owner) for owner, _, _ in places)
+                texts[path] = Names(np.zeros(count, dtype=np.int64), ("",))
+                continue
             start = ordered(path, [(owner, place) for owner, place, _ in places])
             length = ordered(path, [(owner, length) for owner, _, length in places])
             texts[path] = self._names(start, length)
@@ -362,14 +366,12 @@ class _Run:
         return rows
 
     def _names(self, start: IntArray, length: IntArray) -> Names:
-        letters = np.maximum(length - 1, 0)
+        letters = np.maximum(length - 1, 0)  # a zero byte ends them
         longest = int(letters.max(initial=0))
         if longest > _LONGEST_TEXT:
             raise WalkRefusedError("a long text")
-        if not longest:
-            return Names(np.zeros(len(letters), dtype=np.int64), ("",))
         words = self._gather(start, "u8", -(-longest // _WIDEST))
-        words &= _masks(words.shape[1])[letters]
+        words &= _masks(words.shape[1]).take(letters, axis=0)
         first, codes = _distinct(words)
         try:
             vocabulary = tuple(words[row].tobytes().rstrip(b"\0").decode() for row in first)
@@ -391,7 +393,9 @@ def _distinct(rows: NDArray[np.uint64]) -> tuple[list[int], IntArray]:
     for column in range(1, rows.shape[1]):
         keys = keys * np.uint64(0x9E3779B97F4A7C15) + rows[:, column]
     first, codes = _distinct_keys(keys)
-    if rows.shape[1] > 1 and not (rows == rows[first][codes]).all():
+    # Different rows may have the same key, if rarely.
+    columns = rows.T if rows.shape[1] > 1 else ()
+    if not all((column == column[first].take(codes)).all() for column in columns):
         _, places, numbers = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         return places.tolist(), numbers.reshape(-1).astype(np.int64)
     return first, codes

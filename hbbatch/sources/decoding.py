@@ -97,17 +97,42 @@ def decoder(channel: Channel, options: SourceOptions) -> Decoder:
         ) from error
 
 
+def layout(channel: Channel) -> Typestore | None:
+    """The embedded definition of CDR messages, to look up fields but not to decode with.
+
+    None where there is none that can be used; `decoder` says why. It takes a third of the time that
+    a decoder takes, for which classes are generated.
+    """
+    parse = _CDR_PARSERS.get(channel.schema_encoding)
+    if channel.message_encoding != "cdr" or parse is None:
+        return None
+    store = get_typestore(Stores.EMPTY)
+    try:
+        types = _embedded_types(parse, channel.definition, channel.message_type)
+        store.fielddefs.update({name: definition[:2] for name, definition in types.items()})
+        _check_whole(store, channel.message_type)
+    except UNDECODABLE:
+        return None
+    return store
+
+
 @lru_cache(maxsize=64)
 def _embedded(parse: Callable[[str, str], Any], definition: bytes, kind: str) -> Typestore:
     """A typestore of its own for each definition, so that one cannot spoil another's."""
-    types = parse(definition.decode(), kind)
     store = get_typestore(Stores.EMPTY)
+    store.register(_embedded_types(parse, definition, kind))
+    _check_whole(store, kind)
+    return store
+
+
+def _embedded_types(
+    parse: Callable[[str, str], Any], definition: bytes, kind: str
+) -> dict[str, Any]:
+    types: dict[str, Any] = parse(definition.decode(), kind)
     for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         if name not in types:
             types.update(get_types_from_msg(_ROS_TIME, name))
-    store.register(types)
-    _check_whole(store, kind)
-    return store
+    return types
 
 
 def _check_whole(store: Typestore, kind: str) -> None:
@@ -122,12 +147,8 @@ def _check_whole(store: Typestore, kind: str) -> None:
 
 
 def _ros2(channel: Channel, _: SourceOptions) -> Decoder:
-    store = _embedded(get_types_from_msg, channel.definition, channel.message_type)
-    return Decoder(partial(_cdr, store, channel.message_type), store)
-
-
-def _ros2_idl(channel: Channel, _: SourceOptions) -> Decoder:
-    store = _embedded(_types_from_idl, channel.definition, channel.message_type)
+    parse = _CDR_PARSERS[channel.schema_encoding]
+    store = _embedded(parse, channel.definition, channel.message_type)
     return Decoder(partial(_cdr, store, channel.message_type), store)
 
 
@@ -260,9 +281,13 @@ def _message_files(folder: Path) -> dict[str, str]:
     return found
 
 
+_CDR_PARSERS: Final[dict[str, Callable[[str, str], Any]]] = {
+    "ros2msg": get_types_from_msg,
+    "ros2idl": _types_from_idl,
+}
 _DECODERS: Final[dict[tuple[str, str], Callable[[Channel, SourceOptions], Decoder]]] = {
     ("cdr", "ros2msg"): _ros2,
-    ("cdr", "ros2idl"): _ros2_idl,
+    ("cdr", "ros2idl"): _ros2,
     ("cdr", ""): _not_embedded,
     ("ros1", "ros1msg"): _ros1,
     ("protobuf", "protobuf"): _protobuf,

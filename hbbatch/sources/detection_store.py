@@ -99,7 +99,8 @@ class DetectionStore:
         unscored = np.isnan(columns.scores)
         rows[unscored, 7] = _SCORE_WHEN_MISSING
         kept = columns.box_counts
-        if not (np.isfinite(rows).all() and (rows[:, LENGTH : HEIGHT + 1] > 0).all()):
+        sizes = (rows[:, column] for column in range(LENGTH, HEIGHT + 1))
+        if not (np.isfinite(rows).all() and all((size > 0).all() for size in sizes)):
             rows, kept = self._without_unusable(rows, columns.box_counts, numbers)
         self._rows.append(rows.reshape(-1).view(np.uint8).data)
         self._unscored += int(unscored.sum())

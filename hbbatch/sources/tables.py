@@ -30,13 +30,14 @@ def detections_table(
     counts, logged = batch.box_counts, batch.class_names
     index = np.arange(first_frame_index, first_frame_index + len(counts))
     names = Names(logged.codes, tuple(taxonomy.normalise(name) for name in logged.vocabulary))
+    logged_text = _text(logged)
     frames = Names(np.repeat(batch.frame_ids.codes, counts), batch.frame_ids.vocabulary)
     columns = {
         "frame_index": np.repeat(index, counts),
         "timestamp_ns": np.repeat(batch.timestamp_ns, counts),
         "detection_id": np.arange(first_detection_id, first_detection_id + len(batch.boxes)),
-        "class_name": _text(names),
-        "class_name_logged": _text(logged),
+        "class_name": logged_text if names.vocabulary == logged.vocabulary else _text(names),
+        "class_name_logged": logged_text,
         "score": batch.scores,
         **_box_columns(batch.boxes),
         "frame_id": _text(frames),
