@@ -131,7 +131,9 @@ def _summary(report: IngestReport) -> str:
 
 
 def _print_problems(report: IngestReport) -> None:
-    """Warnings, the same one of many sequences once, and errors."""
+    """Warnings and errors, the same one of many sequences once."""
+    from hbbatch.cli.output import complain_of
+
     sequences: dict[str, list[str]] = {}
     for outcome in report.outcomes:
         for problem in outcome.problems:
@@ -141,20 +143,4 @@ def _print_problems(report: IngestReport) -> None:
         typer.echo(f"warning: {who}: {problem}", err=True)
     for notice in report.notices:
         typer.echo(f"warning: {notice}", err=True)
-    for line in _grouped(report):
-        typer.echo(f"error: {line}", err=True)
-
-
-def _grouped(report: IngestReport) -> list[str]:
-    """Errors; where several differ in nothing but the sequence that they name, the first one."""
-    lines: dict[str, list[str]] = {}
-    for error in report.source_errors:
-        lines.setdefault(str(error), []).append(str(error))
-    for outcome in report.outcomes:
-        if outcome.error is not None:
-            alike = outcome.error.replace(outcome.sequence_id, "…")
-            lines.setdefault(alike, []).append(outcome.error)
-    return [
-        same[0] if len(same) == 1 else f"{same[0]} (and {len(same) - 1} more like it; see --json)"
-        for same in lines.values()
-    ]
+    complain_of(report.failures)

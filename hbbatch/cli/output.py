@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +49,21 @@ def shortened(lines: Sequence[str]) -> list[str]:
     if len(lines) <= _SHOWN_LINES:
         return list(lines)
     return [*lines[:_SHOWN_LINES], f"... and {len(lines) - _SHOWN_LINES} more (see --json)"]
+
+
+def complain_of(errors: Iterable[tuple[str, str]]) -> None:
+    """Errors on stderr, a line each; those that differ in nothing but the sequence once.
+
+    Args:
+        errors: sequence id, empty where it is about no single one, and what is said of it.
+    """
+    said: dict[str, list[str]] = {}
+    for sequence_id, error in errors:
+        alike = error.replace(sequence_id, "…") if sequence_id else error
+        said.setdefault(alike, []).append(error)
+    for first, *others in said.values():
+        more = f" (and {len(others)} more like it; see --json)" if others else ""
+        complain(f"error: {first}{more}")
 
 
 def complain(text: str) -> None:

@@ -19,7 +19,7 @@ def relabel(
     as_json: JsonOption = False,
 ) -> None:
     """Ingest, track and evaluate what a job file names; only what changed is done again."""
-    from hbbatch.cli.output import complain, print_json, progress_bar
+    from hbbatch.cli.output import complain, complain_of, print_json, progress_bar
     from hbbatch.runner.jobfile import load_job
     from hbbatch.runner.relabel import relabel as run_relabel
 
@@ -32,8 +32,7 @@ def relabel(
         _print_report(report)
     for notice in (notice for ingested in report.ingested for notice in ingested.notices):
         complain(f"warning: {notice}")
-    for error in report.errors:
-        complain(f"error: {error}")
+    complain_of(report.failures)
     raise typer.Exit(report.exit_status)
 
 

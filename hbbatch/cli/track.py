@@ -87,11 +87,10 @@ def print_report(report: TrackReport) -> None:
 
 
 def print_failures(report: TrackReport) -> None:
-    """One line on stderr for each sequence that failed."""
-    from hbbatch.cli.output import complain
+    """What failed on stderr."""
+    from hbbatch.cli.output import complain_of
 
-    for sequence_id, reason in sorted(report.failed.items()):
-        complain(f"error: sequence {sequence_id}: {reason}")
+    complain_of(report.failures)
 
 
 def _counts(report: TrackReport) -> list[tuple[str, str]]:

@@ -51,11 +51,16 @@ class IngestReport:
     @property
     def errors(self) -> list[str]:
         """Everything that failed, one line each."""
-        return [str(error) for error in self.source_errors] + self._sequence_errors
+        return [error for _, error in self.failures]
 
     @property
-    def _sequence_errors(self) -> list[str]:
-        return [outcome.error for outcome in self.outcomes if outcome.error is not None]
+    def failures(self) -> list[tuple[str, str]]:
+        """The same with the id of the sequence it is about, empty where it is a whole source."""
+        return [("", str(error)) for error in self.source_errors] + self._failed_sequences
+
+    @property
+    def _failed_sequences(self) -> list[tuple[str, str]]:
+        return [(o.sequence_id, o.error) for o in self.outcomes if o.error is not None]
 
     @property
     def notices(self) -> list[str]:
@@ -69,7 +74,7 @@ class IngestReport:
     @property
     def exit_status(self) -> ExitStatus:
         """What the process should tell the shell."""
-        if self._sequence_errors:
+        if self._failed_sequences:
             return ExitStatus.FAILED
         if self.source_errors:
             return status_of(self.source_errors)

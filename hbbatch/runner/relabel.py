@@ -55,10 +55,15 @@ class RelabelReport:
     @property
     def errors(self) -> list[str]:
         """Everything that failed before evaluation, one line each."""
-        errors = [error for report in self.ingested for error in report.errors]
+        return [error for _, error in self.failures]
+
+    @property
+    def failures(self) -> list[tuple[str, str]]:
+        """The same with the id of the sequence that each is about, empty where it is none."""
+        found = [failure for report in self.ingested for failure in report.failures]
         if self.tracked is not None:
-            errors += [f"sequence {i}: {why}" for i, why in sorted(self.tracked.failed.items())]
-        return [*errors, *self.problems]
+            found += self.tracked.failures
+        return [*found, *(("", problem) for problem in self.problems)]
 
     @property
     def exit_status(self) -> ExitStatus:

@@ -156,6 +156,11 @@ class TrackReport:
         return self.frames / seconds if seconds else 0.0
 
     @property
+    def failures(self) -> list[tuple[str, str]]:
+        """Ids of the sequences that failed, and what to say of each."""
+        return [(i, f"sequence {i}: {reason}") for i, reason in sorted(self.failed.items())]
+
+    @property
     def exit_status(self) -> ExitStatus:
         """What the process tells the shell."""
         if self.failed:

@@ -13,7 +13,7 @@ from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.store import write_json, write_table
-from hbbatch.errors import HbbatchError
+from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.device import resolved_device
@@ -243,7 +243,5 @@ def remove_status(run: Run, sequence_id: str) -> None:
 
 
 def _failure(job: SequenceJob, error: Exception) -> Outcome:
-    text = " ".join(str(error).split())
-    if not isinstance(error, HbbatchError):
-        text = f"{type(error).__name__}: {text}. This is a defect of hbbatch, or of the machine."
-    return Outcome(job.sequence_id, error=text)
+    text = str(error) if isinstance(error, HbbatchError) else report_defect(error)
+    return Outcome(job.sequence_id, error=" ".join(text.split()))

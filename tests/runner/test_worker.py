@@ -90,7 +90,8 @@ def test_a_sequence_that_breaks_the_tracker_fails_alone(tmp_path: Path) -> None:
     assert found["a"].error is None
     assert found["b"].error is None
     assert found["raises"].error == (
-        "ValueError: matrix is singular. This is a defect of hbbatch, or of the machine."
+        "ValueError: matrix is singular. This is a defect of hbbatch; "
+        "`hbbatch --traceback ...` shows where."
     )
 
 
