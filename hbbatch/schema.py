@@ -169,18 +169,22 @@ def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:
             f"{what}: written by a newer hbbatch (format {version}, this one reads up to "
             f"{FORMAT_VERSION}). Upgrade hbbatch."
         )
-    columns = [_conform_column(table, field, what) for field in schema]
+    there = dict(zip(table.column_names, table.columns, strict=True))
+    columns = []
+    for field in schema:
+        column = there.get(field.name)
+        if column is not None:
+            columns.append(_conform_column(column, field, what))
+        elif field.nullable:
+            columns.append(pa.chunked_array([pa.nulls(table.num_rows, field.type)]))
+        else:
+            raise DatasetError(
+                f"{what}: column {field.name!r} is missing. It holds: {', '.join(there)}."
+            )
     return pa.Table.from_arrays(columns, schema=schema)
 
 
-def _conform_column(table: pa.Table, field: pa.Field, what: str) -> pa.ChunkedArray:
-    if field.name not in table.column_names:
-        if field.nullable:
-            return pa.chunked_array([pa.nulls(table.num_rows, field.type)])
-        raise DatasetError(
-            f"{what}: column {field.name!r} is missing. It holds: {', '.join(table.column_names)}."
-        )
-    column = table[field.name]
+def _conform_column(column: pa.ChunkedArray, field: pa.Field, what: str) -> pa.ChunkedArray:
     try:
         column = column if column.type == field.type else column.cast(field.type)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:

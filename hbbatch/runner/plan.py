@@ -26,6 +26,7 @@ from hbbatch.runner.dealing import SequenceJob
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
+    "tracking/*.yaml",
     "model/*.py",
     "motion/*.py",
     "packed/*.py",
