@@ -69,9 +69,48 @@ class DampingSettings(Settings):
         return self
 
 
+ProtocolName = Literal["online", "gap_filled"]
+
 ScoreCut = float | dict[str, float] | None
-"""A lowest score for all classes, one a class (absent: no cut), or none. `hbbatch calibrate` finds
-values for a detector."""
+"""A lowest score for all classes, one a class (absent: no cut), or none."""
+
+
+class ScoreScale(Settings):
+    """Where a detector's scores of true objects lie; `hbbatch calibrate` finds it."""
+
+    typical: float = Field(description="median score on tracks that persist")
+    strong: float = Field(description="80 % quantile of the same")
+    probability: bool = Field(False, description="scores are probabilities: compared as logits")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.typical < self.strong:
+            raise ValueError("strong must exceed typical")
+        return self
+
+
+class ConfidenceWeights(Settings):
+    """Logistic weights of what speaks for a box (`hbbatch.tracking.confidence`).
+
+    Scores count on the detector's scale: 0 is typical, 1 strong.
+    """
+
+    bias: float
+    detection_score: float = Field(description="of the box's own detection")
+    nearby_score: float = Field(description="mean score of the track, frames nearby")
+    track_score: float = Field(description="mean score of the track (online: so far)")
+    presence: float = Field(description="share of the frames nearby that hold a detection")
+    detections: float = Field(description="log of the track's detections (online: so far)")
+    range: float = Field(description="distance from the sensor in units of 50 m")
+
+    def in_order(self) -> list[float]:
+        """The weights in the order of the fields."""
+        return list(self.model_dump().values())
+
+    @classmethod
+    def from_order(cls, values: Sequence[float]) -> Self:
+        """Weights in the order of the fields."""
+        return cls.model_validate(dict(zip(cls.model_fields, values, strict=True)))
 
 
 class OutputSettings(Settings):
@@ -82,12 +121,18 @@ class OutputSettings(Settings):
     detection are cut.
     """
 
-    protocol: Literal["online", "gap_filled"] = "gap_filled"
+    protocol: ProtocolName = "gap_filled"
+    score_scale: dict[str, ScoreScale] = Field(
+        {}, description="scale of the detector's scores, by class; without, nothing is judged"
+    )
+    confidence: dict[str, ConfidenceWeights] | None = Field(
+        None, description="what makes a box likely right, by kind; a kind not named: as shipped"
+    )
+    min_confidence: float = Field(
+        0.5, ge=0, le=1, description="boxes judged less likely to be right are not written"
+    )
     min_track_score: ScoreCut = Field(
         None, description="boxes of tracks whose mean detection score is lower are not written"
-    )
-    min_local_score: ScoreCut = Field(
-        None, description="boxes are not written where the track's mean score nearby is lower"
     )
     min_detections: int = Field(
         1, ge=1, description="boxes of tracks with fewer detections are not written"

@@ -85,7 +85,7 @@ TRACKS: Final = _table(
     _field("state", _TEXT, "", "detected, coasted (predicted, no detection) or interpolated"),
     _field("score", _FLOAT, "1", "score of the matched detection", nullable=True),
     _field("track_score", _FLOAT, "1", "mean score of the track's detections (online: so far)"),
-    _field("local_score", _FLOAT, "1", "mean score of the track, frames nearby", nullable=True),
+    _field("confidence", _FLOAT, "1", "probability of the box to be right", nullable=True),
     *_box("", "world"),
     *_box("sensor_", "sensor"),
     *(_field(f"velocity_{a}", _FLOAT, "m/s", f"{a} of the velocity, world frame") for a in "xyz"),

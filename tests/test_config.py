@@ -39,7 +39,7 @@ def fault(model: type[Settings], content: dict[str, object]) -> str:
         lambda x: {"min_score": x},
         lambda x: {"association": {"max_cost": x}},
         lambda x: {"output": {"min_track_score": x}},
-        lambda x: {"output": {"min_local_score": {"car": x}}},
+        lambda x: {"output": {"score_scale": {"car": {"typical": 0.0, "strong": x}}}},
     ],
 )
 def test_numbers_must_be_finite(number: float, content: object) -> None:
@@ -71,6 +71,11 @@ def test_minimum_of_the_damping_must_not_exceed_its_maximum() -> None:
     assert "minimum must not exceed" in fault(
         TrackSettings, {"damping": {"minimum": 0.9, "maximum": 0.1}}
     )
+
+
+def test_a_strong_score_must_exceed_a_typical_one() -> None:
+    scale = {"car": {"typical": 1.0, "strong": 1.0}}
+    assert "strong must exceed typical" in fault(TrackSettings, {"output": {"score_scale": scale}})
 
 
 def test_the_digest_changes_with_any_value_and_with_nothing_else() -> None:

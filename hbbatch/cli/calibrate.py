@@ -1,4 +1,4 @@
-"""`hbbatch calibrate`: score cuts for a detector, without labels."""
+"""`hbbatch calibrate`: which boxes to write, for a detector."""
 
 from __future__ import annotations
 
@@ -7,24 +7,45 @@ from typing import Annotated
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption
+from hbbatch.cli.options import DEFAULT_DATASET
 
 
 def calibrate(
     out: Annotated[Path, typer.Argument(help="Settings file to write (YAML).")],
-    dataset: DatasetOption = DEFAULT_DATASET,
-    run: Annotated[
-        str | None, typer.Option(help="A run made without score cuts; the latest by default.")
+    dataset: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--dataset",
+            "-d",
+            envvar="HBBATCH_DATASET",
+            show_envvar=True,
+            help="Dataset folder; hbbatch_data by default. Repeatable with --from-labels.",
+        ),
+    ] = None,
+    from_labels: Annotated[
+        bool, typer.Option("--from-labels", help="Learn from labels what makes a box right.")
+    ] = False,
+    config: Annotated[
+        Path | None, typer.Option(help="YAML file of settings to track with, as of `track`.")
     ] = None,
 ) -> None:
-    """Find the scores below which detections do not persist; use them with `track --config`."""
-    from hbbatch.runner.calibrate import calibrate as find_cuts
+    """Find the scale of a detector's scores, so that unlikely boxes can be left out.
 
-    report = find_cuts(dataset, out, run)
-    for name, cuts in report.cuts.items():
-        track = "none" if cuts.track is None else f"{cuts.track:.3f}"
-        local = "none" if cuts.local is None else f"{cuts.local:.3f}"
-        typer.echo(f"{name}: track score {track}, nearby {local} ({cuts.detections:,} detections)")
+    No labels are needed. Use the file with `hbbatch track --config`.
+    """
+    from hbbatch.runner.calibrate import calibrate as find
+    from hbbatch.runner.track import resolve_settings
+
+    settings = resolve_settings(config, {})
+    report = find(dataset or [DEFAULT_DATASET], out, settings, from_labels=from_labels)
+    for name, scale in report.scales.items():
+        kind = "probabilities" if scale.probability else "scores"
+        typer.echo(
+            f"{name}: {kind} of lasting tracks typically {scale.typical:.3f}, "
+            f"strong ones {scale.strong:.3f}"
+        )
     for name in report.too_few:
-        typer.echo(f"{name}: too few detections to tell; left uncut", err=True)
+        typer.echo(f"{name}: too few lasting tracks to tell; left uncut", err=True)
+    for kind in report.weights or ():
+        typer.echo(f"{kind}: learned from labels what makes a box right")
     typer.echo(f"written to {report.out}. Next: hbbatch track --config {report.out}")

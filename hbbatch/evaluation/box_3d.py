@@ -39,7 +39,7 @@ def evaluate_boxes(
     """
     scores = {
         name: score_class(
-            {s: _class_truth(table, name) for s, table in labels.items()},
+            {s: box_truth(table, name) for s, table in labels.items()},
             {s: _class_tracks(table, name) for s, table in tracks.items()},
             _dataset(),
         )
@@ -48,7 +48,8 @@ def evaluate_boxes(
     return Evaluation("box_3d", scores)
 
 
-def _class_truth(labels: pa.Table, class_name: str) -> ClassTruth:
+def box_truth(labels: pa.Table, class_name: str) -> ClassTruth:
+    """Labelled objects of a class, with their boxes in the sensor frame."""
     wanted = pc.and_(
         pc.equal(labels["class_name"], class_name), pc.greater_equal(labels["object_id"], 0)
     )
@@ -79,12 +80,12 @@ def _class_tracks(tracks: pa.Table, class_name: str) -> ClassTracks:
 def _dataset() -> Any:
     """KITTI's preprocessing with another similarity and no least size."""
     dataset = copy.copy(kitti_dataset())
-    dataset._calculate_similarities = _volume_iou
+    dataset._calculate_similarities = volume_iou
     dataset.min_height = -np.inf
     return dataset
 
 
-def _volume_iou(first: FloatArray, second: FloatArray) -> FloatArray:
+def volume_iou(first: FloatArray, second: FloatArray) -> FloatArray:
     """Every box of `(n, 7)` against every one of `(m, 7)`, `(n, m)`."""
     pairs = np.indices((len(first), len(second))).reshape(2, -1)
     iou = iou_3d(first[pairs[0]], second[pairs[1]])

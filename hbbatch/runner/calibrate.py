@@ -1,59 +1,157 @@
-"""Score cuts for a detector, from the tracks of a run without cuts."""
+"""A settings file for a detector, from sequences tracked without cuts."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 import yaml
 
+from hbbatch.config import ConfidenceWeights, ScoreScale, TrackSettings
 from hbbatch.dataset import Dataset, write_aside
-from hbbatch.errors import DatasetError
-from hbbatch.evaluation.persistence import ScoreCuts, score_cuts
+from hbbatch.errors import DatasetError, UsageError
+from hbbatch.projection import Camera
+from hbbatch.runner.confidence import (
+    Lesson,
+    Uncut,
+    learned,
+    lessons,
+    score_scales,
+    uncut,
+    uncut_output,
+)
+from hbbatch.tracking.engine import Tracker
+from hbbatch.tracking.frames import sequence_frames
+
+_MOST_SEQUENCES: Final = 60
+"""Sequences looked at, evenly chosen from all: more say nothing new about a detector's scores."""
 
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """Cuts by class, classes with too few detections to tell, and the settings file written."""
+    """What was found and written.
 
-    run: str
-    cuts: dict[str, ScoreCuts]
-    too_few: list[str]
+    Attributes:
+        out: the settings file written.
+        protocol: of the boxes that were looked at.
+        sequences: number of sequences looked at.
+        scales: of the detector's scores, by class; empty where several detectors were given.
+        too_few: classes with too few detections on persistent tracks to tell.
+        weights: learned from labels, by kind; None where none were to be learned.
+    """
+
     out: Path
+    protocol: str
+    sequences: int
+    scales: dict[str, ScoreScale]
+    too_few: list[str]
+    weights: dict[str, ConfidenceWeights] | None
 
     def settings(self) -> dict[str, Any]:
-        """The cuts as settings of a run."""
-        track = {name: c.track for name, c in self.cuts.items() if c.track is not None}
-        local = {name: c.local for name, c in self.cuts.items() if c.local is not None}
-        return {"output": {"min_track_score": track, "min_local_score": local}}
+        """The findings as settings of a run."""
+        output: dict[str, Any] = {"protocol": self.protocol}
+        if self.scales:
+            output["score_scale"] = {k: v.model_dump() for k, v in self.scales.items()}
+        if self.weights:
+            output["confidence"] = {k: v.model_dump() for k, v in self.weights.items()}
+        return {"output": output}
 
 
-def calibrate(root: Path, out: Path, run: str | None = None) -> CalibrationReport:
-    """Find score cuts without labels and write them as a settings file for `hbbatch track`.
+@dataclass(frozen=True)
+class _Detector:
+    """One dataset: what its detector found, tracked."""
+
+    dataset: Dataset
+    sequences: list[Uncut]
+    class_names: tuple[str, ...]
+    scales: dict[str, ScoreScale]
+
+
+def calibrate(
+    roots: Sequence[Path], out: Path, settings: TrackSettings, *, from_labels: bool = False
+) -> CalibrationReport:
+    """Find the scale of a detector's scores and write it as settings for `hbbatch track`.
 
     Args:
-        root: dataset.
+        roots: one dataset; with `from_labels` several, one a detector, share their weights.
         out: YAML file to write.
-        run: a run made without score cuts; default the latest.
+        settings: how to track; cuts in them are not applied.
+        from_labels: also learn from the datasets' labels what makes a box likely right.
 
     Raises:
-        DatasetError: nothing was tracked, or no class has detections enough to tell.
-        UsageError: no such run.
+        DatasetError: a dataset is missing, or holds too little to tell.
+        UsageError: several datasets without labels to learn from.
+        WeightsError: the settings' weights cannot be loaded.
     """
-    dataset = Dataset.open(root)
-    chosen = dataset.existing_run(run)
-    tables = [chosen.read_tracks(s) for s in dataset.sequence_ids() if chosen.tracks(s).is_file()]
-    classes = sorted({name for t in tables for name in t["class_name"].unique().to_pylist()})
-    found = {name: score_cuts(tables, name) for name in classes}
-    cuts = {name: of_class for name, of_class in found.items() if of_class is not None}
-    if not cuts:
-        raise DatasetError(
-            f"run {chosen.name}: too few detections to find score cuts. "
-            "Track more sequences, or set output.min_track_score by hand."
+    if len(roots) > 1 and not from_labels:
+        raise UsageError(
+            "one dataset at a time: the scale of scores belongs to one detector. "
+            "Several datasets serve to learn weights from labels (--from-labels)."
         )
-    too_few = [name for name in classes if name not in cuts]
-    report = CalibrationReport(chosen.name, cuts, too_few, out)
+    detectors = [_tracked(root, settings, labelled=from_labels) for root in roots]
+    weights = learned([list(_lessons(d)) for d in detectors]) if from_labels else None
+    if weights == {}:
+        raise DatasetError(
+            f"{', '.join(map(str, roots))}: too few labelled boxes to learn from. Ingest more "
+            "labelled sequences, or calibrate without labels."
+        )
+    alone = detectors[0] if len(detectors) == 1 else None
+    report = CalibrationReport(
+        out,
+        settings.output.protocol,
+        sum(len(d.sequences) for d in detectors),
+        alone.scales if alone else {},
+        _too_few(alone) if alone else [],
+        weights,
+    )
     with write_aside(out) as aside:
-        aside.write_text(yaml.safe_dump(report.settings()))
+        aside.write_text(yaml.safe_dump(report.settings(), sort_keys=False))
     return report
+
+
+def _too_few(detector: _Detector) -> list[str]:
+    tables = [sequence.table for sequence in detector.sequences]
+    seen = {name for table in tables for name in table["class_name"].unique().to_pylist()}
+    return sorted(seen - set(detector.scales))
+
+
+def _tracked(root: Path, settings: TrackSettings, *, labelled: bool) -> _Detector:
+    dataset = Dataset.open(root)
+    ids = dataset.sequence_ids()
+    if labelled:
+        ids = [s for s in ids if dataset.path("labels", s).is_file()]
+    if not ids:
+        raise DatasetError(
+            f"{root}: holds no {'labelled ' if labelled else ''}sequence. Ingest a source first."
+        )
+    chosen = sorted({ids[int(i)] for i in np.linspace(0, len(ids) - 1, _MOST_SEQUENCES)})
+    output = uncut_output(settings.output)
+    tracker = Tracker(settings.model_copy(update={"output": output}))
+    frames = [
+        sequence_frames(
+            s, dataset.detections(s), dataset.poses(s), tracker.class_names, settings.min_score
+        )
+        for s in chosen
+    ]
+    sequences = list(uncut(tracker.track(frames), tracker.class_names))
+    scales = score_scales(sequences, tracker.class_names)
+    if not scales:
+        raise DatasetError(
+            f"{root}: too few detections on tracks that persist to find the scale of the scores. "
+            "Ingest more sequences, or set output.score_scale by hand."
+        )
+    return _Detector(dataset, sequences, tracker.class_names, scales)
+
+
+def _lessons(detector: _Detector) -> Iterator[Lesson]:
+    dataset = detector.dataset
+    for sequence in detector.sequences:
+        sequence_id = sequence.tracked.frames.sequence_id
+        labels, calibration = dataset.labels(sequence_id), dataset.calibration(sequence_id)
+        what = f"calibration of sequence {sequence_id}"
+        camera = Camera.from_calibration(calibration, what) if calibration else None
+        if labels is not None:
+            yield from lessons(sequence, labels, camera, detector.scales, detector.class_names)

@@ -1,24 +1,32 @@
 """Cross-validated comparisons: train on some sequences, judge on the others, for each variant.
 
 A study file names datasets (a detector each), folds by sequence and variants (how a filter is
-trained and how it tracks). Everything that is chosen, the score cut included, is chosen on the
-training folds. The same labelled sequences serve all datasets.
+trained and how it tracks). Everything that is chosen, which boxes are likely right included, is
+found on the training folds. The same labelled sequences serve all datasets.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from pydantic import Field
 
-from hbbatch.config import Settings, TrackSettings, TrainSettings, load_yaml, validate
+from hbbatch.config import (
+    ConfidenceWeights,
+    OutputSettings,
+    ProtocolName,
+    ScoreScale,
+    Settings,
+    TrackSettings,
+    TrainSettings,
+    load_yaml,
+    validate,
+)
 from hbbatch.dataset import Dataset, write_aside
 from hbbatch.errors import ConfigError, DatasetError
 from hbbatch.evaluation.kitti import (
@@ -30,17 +38,15 @@ from hbbatch.evaluation.kitti import (
 )
 from hbbatch.evaluation.results import Scores
 from hbbatch.model.horizon import FilterError
+from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.projection import Camera
+from hbbatch.runner.confidence import Lesson, Uncut, learned, lessons, score_scales, uncut
 from hbbatch.runner.train import train
+from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
-from hbbatch.tracking.tracks import tracks_table
 
-ProtocolName = Literal["gap_filled", "online"]
 Progress = Callable[[str], None]
-
-_CUT_QUANTILES = (0.0, 0.06, 0.12, 0.18, 0.25, 0.33)
-"""Score cuts that are tried, as shares of the boxes they drop: scores have no common scale."""
 
 
 class Variant(Settings):
@@ -101,8 +107,8 @@ class _Material:
     """What is judged on one dataset."""
 
     root: Path
-    sequences: list[str]
     frames: dict[str, SequenceFrames]
+    labels: dict[str, pa.Table]
     cameras: dict[str, Camera]
     truth: KittiTruth
 
@@ -159,17 +165,45 @@ class _Judge:
         for number, fold in enumerate(self.folds):
             self.progress(f"{variant.name}, seed {seed}, fold {number + 1}/{len(self.folds)}")
             weights = self._trained(variant, seed, fold)
-            for name, material in self.materials.items():
-                for protocol in self.study.protocols:
-                    tables = _track(material, variant, weights, protocol, self.study.classes)
-                    for class_name in self.study.classes:
-                        chosen = _with_best_cuts(material, tables, fold, class_name)
-                        _add(held_out.setdefault((name, protocol), {}), chosen)
+            for protocol in self.study.protocols:
+                for name, tracks in self._tracked(variant, weights, protocol, fold).items():
+                    _add(held_out.setdefault((name, protocol), {}), tracks)
         for (name, protocol), tracks in held_out.items():
             scores = evaluate_kitti(self.materials[name].truth, tracks).classes
             for class_name, of_class in scores.items():
                 row = StudyRow(variant.name, name, protocol, seed, class_name, of_class.combined)
                 self.report.rows.append(row)
+
+    def _tracked(
+        self, variant: Variant, weights: Path, protocol: ProtocolName, fold: Sequence[str]
+    ) -> dict[str, KittiTracks]:
+        """Tracks of the held-out sequences on each dataset, unlikely boxes left out.
+
+        The scales of scores and what makes a box likely are found on the other sequences.
+        """
+        classes = self.study.classes
+        found = {
+            name: _uncut(material, variant, weights, protocol, classes)
+            for name, material in self.materials.items()
+        }
+        seen = {
+            name: {s: q for s, q in sequences.items() if s not in fold}
+            for name, sequences in found.items()
+        }
+        scales = {name: score_scales(of.values(), classes) for name, of in seen.items()}
+        weights_of_kind = learned(
+            _lessons(self.materials[name], seen[name], scales[name], classes)
+            for name in variant.train_on or self.materials
+        )
+        return {
+            name: _likely(
+                material,
+                [found[name][s] for s in fold],
+                _judging(scales[name], weights_of_kind, protocol),
+                classes,
+            )
+            for name, material in self.materials.items()
+        }
 
     def _trained(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
         weights = self.folder / "fold.safetensors"
@@ -195,12 +229,12 @@ def _material(root: Path, classes: Sequence[str]) -> _Material:
         frames[sequence_id] = sequence_frames(
             sequence_id, dataset.detections(sequence_id), dataset.poses(sequence_id), classes
         )
-    return _Material(root, sorted(labels), frames, cameras, kitti_truth(labels, classes))
+    return _Material(root, frames, labels, cameras, kitti_truth(labels, classes))
 
 
 def _folds(materials: Mapping[str, _Material], count: int) -> list[list[str]]:
     """Sequences common to all datasets, dealt so that folds have about as many frames."""
-    common = set.intersection(*(set(m.sequences) for m in materials.values()))
+    common = set.intersection(*(set(m.labels) for m in materials.values()))
     if len(common) < count:
         raise DatasetError(
             f"{len(common)} labelled sequences are common to all datasets of the study, too few "
@@ -216,59 +250,59 @@ def _folds(materials: Mapping[str, _Material], count: int) -> list[list[str]]:
     return folds
 
 
-def _track(
-    material: _Material, variant: Variant, weights: Path, protocol: str, classes: Sequence[str]
-) -> dict[str, pa.Table]:
-    """Tracks tables of every sequence, uncut."""
+def _uncut(
+    material: _Material,
+    variant: Variant,
+    weights: Path,
+    protocol: ProtocolName,
+    classes: Sequence[str],
+) -> dict[str, Uncut]:
+    """Every sequence, tracked without cuts."""
     content = {"weights": str(weights), "classes": classes, **variant.track}
     content["output"] = {**content.get("output", {}), "protocol": protocol}
     settings = TrackSettings.model_validate({**content, "filter": variant.filter})
     tracker = Tracker(settings)
-    done = tracker.track([material.frames[s] for s in material.sequences])
-    return {d.frames.sequence_id: tracks_table(d, tracker.class_names) for d in done}
+    done = uncut(tracker.track(list(material.frames.values())), tracker.class_names)
+    return {sequence.tracked.frames.sequence_id: sequence for sequence in done}
 
 
-def _with_best_cuts(
-    material: _Material, tables: Mapping[str, pa.Table], fold: Sequence[str], name: str
+def _lessons(
+    material: _Material,
+    sequences: Mapping[str, Uncut],
+    scales: Mapping[str, ScoreScale],
+    classes: Sequence[str],
+) -> list[Lesson]:
+    return [
+        lesson
+        for s, sequence in sequences.items()
+        for lesson in lessons(sequence, material.labels[s], material.cameras[s], scales, classes)
+    ]
+
+
+def _judging(
+    scales: Mapping[str, ScoreScale],
+    weights: dict[str, ConfidenceWeights],
+    protocol: ProtocolName,
+) -> OutputSettings:
+    """Settings that judge the kinds learned in this fold only: shipped weights know all folds."""
+    known = {name: scale for name, scale in scales.items() if KIND_OF_CLASS[name] in weights}
+    return OutputSettings(protocol=protocol, score_scale=known, confidence=weights)
+
+
+def _likely(
+    material: _Material,
+    sequences: Iterable[Uncut],
+    output: OutputSettings,
+    class_names: Sequence[str],
 ) -> KittiTracks:
-    """The held-out tracks of a class, cut where the training sequences score best.
-
-    Two cuts, one after the other: on the mean score of the track, on its mean score nearby.
-    """
-    training = {s: t for s, t in tables.items() if s not in fold}
-    held_out = {s: t for s, t in tables.items() if s in fold}
-    truth = {name: {s: t for s, t in material.truth[name].items() if s not in fold}}
-    for column in ("track_score", "local_score"):
-        trials = {cut: _above(training, name, column, cut) for cut in _cuts(training, name, column)}
-        hota = {
-            cut: evaluate_kitti(truth, kitti_tracks(trial, material.cameras, [name]))
-            .classes[name]
-            .combined.hota
-            for cut, trial in trials.items()
-        }
-        best = max(hota, key=lambda cut: hota[cut])
-        training, held_out = trials[best], _above(held_out, name, column, best)
-    return kitti_tracks(held_out, material.cameras, [name])
-
-
-def _cuts(tables: Mapping[str, pa.Table], name: str, column: str) -> list[float]:
-    """Cuts to try, the lowest of them dropping nothing."""
-    scores = np.concatenate(
-        [t.filter(pc.equal(t["class_name"], name))[column].to_numpy() for t in tables.values()]
-    )
-    if not len(scores):
-        return [0.0]
-    quantiles = np.quantile(scores, _CUT_QUANTILES, method="lower")
-    return sorted({float(cut) for cut in quantiles})
-
-
-def _above(
-    tables: Mapping[str, pa.Table], name: str, column: str, cut: float
-) -> dict[str, pa.Table]:
-    return {
-        s: t.filter(pc.and_(pc.equal(t["class_name"], name), pc.greater_equal(t[column], cut)))
-        for s, t in tables.items()
-    }
+    """The boxes that are likely right, in the image."""
+    kept = {}
+    for sequence in sequences:
+        tracked = sequence.tracked
+        likely = confidence(tracked.evidence, tracked.tracks.class_code, output, class_names)
+        rows = pa.array(~(likely < output.min_confidence))
+        kept[tracked.frames.sequence_id] = sequence.table.filter(rows)
+    return kitti_tracks(kept, material.cameras, class_names)
 
 
 def _add(target: KittiTracks, tracks: KittiTracks) -> None:

@@ -1,107 +1,125 @@
-"""What speaks for a track and for each of its boxes: detection scores, averaged.
+"""What speaks for each box of a track: detection scores averaged, detections nearby, range.
 
 A detector's score of one frame is noisy; over a track it tells true from false, and over the
-frames nearby it tells where a true track runs on without its object (occluded, or out of reach).
+frames nearby, with how many of them hold a detection, it tells where a true track runs on without
+its object (occluded, or out of reach).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.tracking.frames import IntArray
-from hbbatch.tracking.tracks import SequenceTracks
+from hbbatch.tracking.frames import IntArray, SequenceFrames
+from hbbatch.tracking.tracks import Evidence, SequenceTracks
 
 NEARBY_S: Final = 0.3
-"""Standard deviation of the window for local scores."""
+"""Standard deviation of the window for scores nearby."""
 
-_WIDEST_SHIFT: Final = 9
-"""Frames to either side that a window takes in at most."""
+PRESENCE_S: Final = 0.5
+"""Standard deviation of the window in which detections are counted."""
+
+_REACH: Final = 3.0
+"""Standard deviations at which a window ends."""
 
 
-class TrackEvidence(NamedTuple):
-    """Evidence for each row's track, each `(n,)`.
-
-    Attributes:
-        score: mean score of its detections.
-        detections: their number.
-    """
+class TrackScore(NamedTuple):
+    """Of each row's track, each `(n,)`: the mean score of its detections, and their number."""
 
     score: FloatArray
     detections: FloatArray
 
 
-def evidence_of_track(tracks: SequenceTracks) -> TrackEvidence:
-    """Evidence from the whole track."""
+def score_of_track(tracks: SequenceTracks) -> TrackScore:
+    """From the whole track."""
     _, index = np.unique(tracks.track_id, return_inverse=True)
     seen = tracks.detection_row >= 0
     size = index.max(initial=-1) + 1
     total = np.bincount(index[seen], tracks.score[seen], minlength=size)
     count = np.bincount(index[seen], minlength=size).astype(float)
-    return TrackEvidence((total / np.maximum(count, 1))[index], count[index])
+    return TrackScore((total / np.maximum(count, 1))[index], count[index])
 
 
-def evidence_so_far(tracks: SequenceTracks) -> TrackEvidence:
-    """Evidence from the track's frames up to each row's own."""
+def score_so_far(tracks: SequenceTracks) -> TrackScore:
+    """From the track's frames up to each row's own."""
     order = np.lexsort((tracks.frame_index, tracks.track_id))
     seen = (tracks.detection_row >= 0)[order]
     total = _running_sum(np.where(seen, tracks.score[order], 0.0), tracks.track_id[order])
     count = _running_sum(seen.astype(float), tracks.track_id[order])
     back = np.argsort(order)
-    return TrackEvidence((total / np.maximum(count, 1))[back], count[back])
+    return TrackScore((total / np.maximum(count, 1))[back], count[back])
 
 
-def local_score(tracks: SequenceTracks, timestamp_ns: IntArray) -> FloatArray:
-    """Mean detection score of the track around each row, weighted by nearness in time, `(n,)`."""
-    return _nearby_mean(tracks, timestamp_ns, _both_ways)
+def evidence(tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:
+    """Evidence for each row from all of its track."""
+    return _evidence(tracks, frames, score_of_track(tracks), _both_ways)
 
 
-def local_score_so_far(tracks: SequenceTracks, timestamp_ns: IntArray) -> FloatArray:
-    """The same from each row's own frame and those before it."""
-    return _nearby_mean(tracks, timestamp_ns, _backwards)
+def evidence_so_far(tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:
+    """Evidence for each row from its track's rows up to its own frame."""
+    return _evidence(tracks, frames, score_so_far(tracks), _backwards)
 
 
-class _Sums(NamedTuple):
-    total: FloatArray
-    weight: FloatArray
-
-
-def _nearby_mean(
-    tracks: SequenceTracks, timestamp_ns: IntArray, spread: Callable[..., None]
-) -> FloatArray:
+def _evidence(
+    tracks: SequenceTracks, frames: SequenceFrames, track: TrackScore, spread: _Spread
+) -> Evidence:
     order = np.lexsort((tracks.frame_index, tracks.track_id))
-    track, score = tracks.track_id[order], tracks.score[order]
-    time_s = timestamp_ns[tracks.frame_index[order]] * 1e-9
-    known = ~np.isnan(score)
-    score = np.where(known, score, 0.0)
-    sums = _Sums(score.copy(), known.astype(float))
-    for shift in range(1, min(_WIDEST_SHIFT + 1, len(order))):
-        apart = (time_s[shift:] - time_s[:-shift]) / NEARBY_S
-        weight = np.exp(-0.5 * apart**2) * (track[shift:] == track[:-shift])
-        spread(sums, score, known, weight, shift)
-    mean = np.empty(len(order))
-    mean[order] = sums.total / np.maximum(sums.weight, 1e-12)
-    return mean
+    back = np.argsort(order)
+    time_s = ((frames.timestamp_ns - frames.timestamp_ns[:1]) * 1e-9).astype(np.float64)
+    rows = _Rows(time_s[tracks.frame_index[order]], tracks.track_id[order])
+    seen = (tracks.detection_row >= 0)[order]
+    score = np.where(seen, tracks.score[order], 0.0)
+    weight = _window_sum(seen.astype(float), rows, NEARBY_S, spread)
+    nearby = _window_sum(score, rows, NEARBY_S, spread) / np.maximum(weight, 1e-12)
+    detections = _window_sum(seen.astype(float), rows, PRESENCE_S, spread)[back]
+    one_object = _Rows(time_s, np.zeros(len(time_s)))
+    all_frames = _window_sum(np.ones(len(time_s)), one_object, PRESENCE_S, spread)
+    offset = tracks.boxes[:, :2] - frames.translation_m[tracks.frame_index, :2]
+    return Evidence(
+        detection_score=np.where(seen, score, nearby)[back],
+        nearby_score=nearby[back],
+        track_score=track.score,
+        presence=detections / all_frames[tracks.frame_index],
+        detections=track.detections,
+        range_m=np.hypot(offset[:, 0], offset[:, 1]),
+    )
 
 
-def _backwards(
-    sums: _Sums, score: FloatArray, known: FloatArray, weight: FloatArray, shift: int
-) -> None:
+class _Rows(NamedTuple):
+    """Times and owners of rows, sorted by owner, then time."""
+
+    time_s: FloatArray
+    owner: NDArray[Any]
+
+
+_Spread = Callable[[FloatArray, FloatArray, FloatArray, int], None]
+
+
+def _window_sum(values: FloatArray, rows: _Rows, width_s: float, spread: _Spread) -> FloatArray:
+    """Sum over the rows of the same owner, weighted by nearness in time."""
+    total = values.copy()
+    for shift in range(1, len(values)):
+        apart = (rows.time_s[shift:] - rows.time_s[:-shift]) / width_s
+        near = (rows.owner[shift:] == rows.owner[:-shift]) & (apart <= _REACH)
+        if not near.any():
+            break
+        spread(total, values, np.exp(-0.5 * apart**2) * near, shift)
+    return total
+
+
+def _backwards(total: FloatArray, values: FloatArray, weight: FloatArray, shift: int) -> None:
     """Each row takes in the one `shift` rows before it."""
-    sums.total[shift:] += weight * score[:-shift]
-    sums.weight[shift:] += weight * known[:-shift]
+    total[shift:] += weight * values[:-shift]
 
 
-def _both_ways(
-    sums: _Sums, score: FloatArray, known: FloatArray, weight: FloatArray, shift: int
-) -> None:
+def _both_ways(total: FloatArray, values: FloatArray, weight: FloatArray, shift: int) -> None:
     """Each row takes in those `shift` rows before and after it."""
-    _backwards(sums, score, known, weight, shift)
-    sums.total[:-shift] += weight * score[shift:]
-    sums.weight[:-shift] += weight * known[shift:]
+    _backwards(total, values, weight, shift)
+    total[:-shift] += weight * values[shift:]
 
 
 def _running_sum(values: FloatArray, group: IntArray) -> FloatArray:

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
 from hbbatch.config import OutputSettings, ScoreCut
+from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.evidence import (
-    TrackEvidence,
-    evidence_of_track,
+    TrackScore,
+    evidence,
     evidence_so_far,
-    local_score,
-    local_score_so_far,
+    score_of_track,
+    score_so_far,
 )
 from hbbatch.tracking.frames import IntArray, SequenceFrames
-from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence, TrackState
+from hbbatch.tracking.tracks import Evidence, SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
 
@@ -38,27 +39,35 @@ def refine(
         output: protocol and cuts.
         class_names: of the tracks' class codes.
     """
-    least_track = _least_by_class(output.min_track_score, class_names)
-    least_local = _least_by_class(output.min_local_score, class_names)
+    least = _least_by_class(output.min_track_score, class_names)[tracks.class_code]
     if output.protocol == "online":
-        evidence = evidence_so_far(tracks)
-        local = local_score_so_far(tracks, frames.timestamp_ns)
-        kept = _convincing(evidence, output.min_detections, least_track[tracks.class_code])
-        kept &= local >= least_local[tracks.class_code]
-        return TrackedSequence(frames, tracks.take(kept), evidence.score[kept], local[kept])
-    least = least_track[tracks.class_code]
-    chosen = tracks.take(_convincing(evidence_of_track(tracks), output.min_detections, least))
+        known = evidence_so_far(tracks, frames)
+        kept = _convincing(score_so_far(tracks), output.min_detections, least)
+        return _likely(tracks, kept, known, frames, output, class_names)
+    chosen = tracks.take(_convincing(score_of_track(tracks), output.min_detections, least))
     filled = fill_gaps(settle_sizes(chosen), frames)
-    score = evidence_of_track(filled).score
-    local = local_score(filled, frames.timestamp_ns)
-    kept = local >= least_local[filled.class_code]
-    return TrackedSequence(frames, filled.take(kept), score[kept], local[kept])
+    kept = np.ones(len(filled.track_id), bool)
+    return _likely(filled, kept, evidence(filled, frames), frames, output, class_names)
+
+
+def _likely(
+    tracks: SequenceTracks,
+    kept: NDArray[np.bool_],
+    known: Evidence,
+    frames: SequenceFrames,
+    output: OutputSettings,
+    class_names: Sequence[str],
+) -> TrackedSequence:
+    """Those of the kept boxes that are likely right, or could not be judged."""
+    probability = confidence(known, tracks.class_code, output, class_names)
+    kept = kept & ~(probability < output.min_confidence)
+    return TrackedSequence(frames, tracks.take(kept), known.take(kept), probability[kept])
 
 
 def _convincing(
-    evidence: TrackEvidence, min_detections: int, least_score: FloatArray
+    track: TrackScore, min_detections: int, least_score: FloatArray
 ) -> NDArray[np.bool_]:
-    return (evidence.detections >= min_detections) & (evidence.score >= least_score)
+    return (track.detections >= min_detections) & (track.score >= least_score)
 
 
 def _least_by_class(cut: ScoreCut, class_names: Sequence[str]) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -86,6 +86,30 @@ class StageSeconds:
     manage: float = 0.0
 
 
+class Evidence(NamedTuple):
+    """What speaks for each row of tracks, each `(n,)`; online from the rows so far.
+
+    Attributes:
+        detection_score: of the row's own detection; without one, as `nearby_score`.
+        nearby_score: mean of the track's scores, weighted by nearness in time.
+        track_score: mean of the track's scores.
+        presence: share of the frames nearby in which the track has a detection.
+        detections: number of the track's detections.
+        range_m: distance from the sensor, seen from above.
+    """
+
+    detection_score: FloatArray
+    nearby_score: FloatArray
+    track_score: FloatArray
+    presence: FloatArray
+    detections: FloatArray
+    range_m: FloatArray
+
+    def take(self, rows: NDArray[np.generic]) -> Evidence:
+        """Rows chosen by a mask or by index."""
+        return Evidence(*(column[rows] for column in self))
+
+
 @dataclass(frozen=True)
 class TrackedSequence:
     """A finished sequence with the share of the group's time that was its own.
@@ -93,15 +117,15 @@ class TrackedSequence:
     Attributes:
         frames: what was given.
         tracks: the boxes to write.
-        track_score: `(n,)` mean detection score of each box's track (online: so far).
-        local_score: `(n,)` the same over the frames nearby.
+        evidence: what speaks for each box.
+        confidence: `(n,)` probability of each box to be right, NaN where it was not judged.
         seconds: time spent on it in each stage.
     """
 
     frames: SequenceFrames
     tracks: SequenceTracks
-    track_score: FloatArray
-    local_score: FloatArray
+    evidence: Evidence
+    confidence: FloatArray
     seconds: StageSeconds = field(default_factory=StageSeconds)
 
 
@@ -122,8 +146,8 @@ def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
         "class_name": pa.array(np.array(class_names, dtype=object)[tracks.class_code], pa.string()),
         "state": pa.array(np.array(STATE_NAMES, dtype=object)[tracks.state], pa.string()),
         "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
-        "track_score": pa.array(done.track_score),
-        "local_score": pa.array(done.local_score),
+        "track_score": pa.array(done.evidence.track_score),
+        "confidence": pa.array(done.confidence, mask=np.isnan(done.confidence)),
         **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"velocity_{a}": pa.array(tracks.velocity_m_s[:, i]) for i, a in enumerate("xyz")},

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hbbatch.config import OutputSettings
-from hbbatch.tracking.evidence import evidence_so_far, local_score, local_score_so_far
+from hbbatch.config import OutputSettings, ScoreScale
+from hbbatch.tracking.evidence import score_so_far
 from hbbatch.tracking.refine import fill_gaps, refine, settle_sizes
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 from tests.tracking.drives import sequence
@@ -67,13 +67,13 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
     assert set(kept.track_id) == {1}
     done = refine(given, frames, OutputSettings(min_track_score=0.5), ["car"])
     assert set(done.tracks.track_id) == {1, 3}
-    assert done.track_score.tolist() == [0.5, 0.5, 2.0]
+    assert done.evidence.track_score.tolist() == [0.5, 0.5, 2.0]
 
 
 def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
     rows = [(0, 1, 0.0, box(0)), (0, 2, 4.0, box(5)), (1, 1, 1.0, box(0)), (2, 1, 5.0, box(0))]
-    assert evidence_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
-    assert evidence_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
+    assert score_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
+    assert score_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
     chosen = OutputSettings(protocol="online", min_track_score=1.0)
     said = refine(tracks(rows), sequence([[]] * 3), chosen, ["car"]).tracks
     assert list(zip(said.track_id, said.frame_index, strict=True)) == [(2, 0), (1, 2)]
@@ -96,23 +96,30 @@ def test_nothing_stays_nothing(protocol: str) -> None:
     assert len(done.tracks.track_id) == 0
 
 
-def test_boxes_are_dropped_where_the_track_scores_low_nearby() -> None:
-    rows = [(f, 1, 5.0 if f < 20 else -1.0, box(f)) for f in range(40)]
-    chosen = OutputSettings(min_track_score=0.0, min_local_score=2.0)
-    kept = refine(tracks(rows), sequence([[]] * 40), chosen, ["car"]).tracks
-    assert kept.frame_index.tolist() == list(range(20))
+def test_boxes_are_dropped_where_the_track_is_unlikely_to_have_its_object() -> None:
+    """Twenty frames of strong scores, then twenty of very weak ones."""
+    rows = [(f, 1, 5.0 if f < 20 else -9.0, box(f)) for f in range(40)]
+    judging = OutputSettings(score_scale={"car": ScoreScale(typical=3.0, strong=5.0)})
+    done = refine(tracks(rows), sequence([[]] * 40), judging, ["car"])
+    assert done.tracks.frame_index.tolist() == list(range(done.tracks.frame_index[-1] + 1))
+    assert 17 <= done.tracks.frame_index[-1] < 20
+    assert (done.confidence >= 0.5).all()
+    everything = judging.model_copy(update={"min_confidence": 0.0})
+    judged = refine(tracks(rows), sequence([[]] * 40), everything, ["car"])
+    assert len(judged.confidence) == 40
+    assert judged.confidence[10] > 0.9
+    assert judged.confidence[30] < 0.1
 
 
-def test_local_scores_weigh_by_nearness_in_time() -> None:
-    scores = [1.0, 4.0, 2.0, 8.0]
-    given = tracks([(f, 1, s, box(f)) for f, s in enumerate(scores)] + [(1, 2, 9.0, box(50))])
-    stamps = np.array([0, 1, 2, 30]) * 100_000_000
-    near = np.exp(-0.5 * (np.array([0.0, 0.1, 0.2]) / 0.3) ** 2)
-    at_1 = (near[1] * 1 + 4 + near[1] * 2) / (1 + 2 * near[1])
-    at_2 = (near[2] * 1 + near[1] * 4 + 2) / near.sum()
-    assert local_score(given, stamps)[1:] == pytest.approx([at_1, at_2, 8.0, 9.0])
-    so_far = (near[1] * 1 + 4) / (1 + near[1])
-    assert local_score_so_far(given, stamps) == pytest.approx([1.0, so_far, at_2, 8.0, 9.0])
+@pytest.mark.parametrize("protocol", ["online", "gap_filled"])
+def test_classes_without_a_score_scale_are_written_unjudged(protocol: str) -> None:
+    given = tracks([(0, 1, -9.0, box(0)), (0, 2, -9.0, box(9))])
+    given = type(given)(**{**vars(given), "class_code": np.array([0, 1])})
+    scale = {"car": {"typical": 3.0, "strong": 5.0}}
+    output = OutputSettings.model_validate({"protocol": protocol, "score_scale": scale})
+    done = refine(given, sequence([[]]), output, ["car", "pedestrian"])
+    assert done.tracks.track_id.tolist() == [2]
+    assert np.isnan(done.confidence).all()
 
 
 def test_cuts_can_differ_by_class() -> None:

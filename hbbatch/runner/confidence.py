@@ -1,0 +1,106 @@
+"""Confidence made for a detector: the scale of its scores without labels, weights with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from hbbatch.boxes import FloatArray
+from hbbatch.config import ConfidenceWeights, OutputSettings, ScoreScale
+from hbbatch.evaluation.persistence import persistent
+from hbbatch.evaluation.verdicts import NOT_JUDGED, RIGHT, verdicts
+from hbbatch.model.kinds import KIND_OF_CLASS
+from hbbatch.projection import Camera
+from hbbatch.tracking.confidence import features, fit, scale_of
+from hbbatch.tracking.tracks import TrackedSequence, tracks_table
+
+FEWEST_DETECTIONS: Final = 300
+"""Detections on persistent tracks below which a scale is not trusted."""
+
+FEWEST_BOXES: Final = 300
+"""Right and wrong boxes each, below which weights are not learned."""
+
+
+@dataclass(frozen=True)
+class Uncut:
+    """A sequence with all its tracks, as arrays and as the table that would be written."""
+
+    tracked: TrackedSequence
+    table: pa.Table
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """Boxes of one kind of road user: what speaks for them, and whether they are right."""
+
+    kind: str
+    features: FloatArray
+    right: NDArray[np.bool_]
+
+
+def uncut_output(output: OutputSettings) -> OutputSettings:
+    """The same protocol, with nothing left out."""
+    return OutputSettings(protocol=output.protocol, max_coasted=output.max_coasted)
+
+
+def uncut(tracked: Iterable[TrackedSequence], class_names: Sequence[str]) -> Iterator[Uncut]:
+    """Tracked sequences with their tables."""
+    for done in tracked:
+        yield Uncut(done, tracks_table(done, class_names))
+
+
+def score_scales(sequences: Iterable[Uncut], class_names: Sequence[str]) -> dict[str, ScoreScale]:
+    """The scale of each class's scores; classes with too few detections to tell are left out."""
+    tables = [sequence.table for sequence in sequences]
+    if not tables:
+        return {}
+    name = np.concatenate([t["class_name"].to_numpy(zero_copy_only=False) for t in tables])
+    score = np.concatenate([t["score"].to_numpy() for t in tables])
+    persists = np.concatenate([persistent(t) for t in tables])
+    scales = {}
+    for wanted in class_names:
+        rows = (name == wanted) & ~np.isnan(score)
+        if (persists & rows).sum() >= FEWEST_DETECTIONS:
+            scale = scale_of(score[rows], persists[rows])
+            if scale is not None:
+                scales[wanted] = scale
+    return scales
+
+
+def lessons(
+    sequence: Uncut,
+    labels: pa.Table,
+    camera: Camera | None,
+    scales: Mapping[str, ScoreScale],
+    class_names: Sequence[str],
+) -> Iterator[Lesson]:
+    """What the labels of a sequence say of its boxes, class by class."""
+    for name, scale in scales.items():
+        found = verdicts(sequence.table, labels, camera, name)
+        rows = (found != NOT_JUDGED) & (
+            sequence.tracked.tracks.class_code == class_names.index(name)
+        )
+        given = features(sequence.tracked.evidence.take(rows), scale)
+        yield Lesson(KIND_OF_CLASS[name], given, found[rows] == RIGHT)
+
+
+def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, ConfidenceWeights]:
+    """Weights by kind, every detector counting the same; kinds with too few boxes are left out."""
+    given: dict[str, list[tuple[FloatArray, NDArray[np.bool_], FloatArray]]] = {}
+    for of_detector in by_detector:
+        for kind in {lesson.kind for lesson in of_detector}:
+            chosen = [lesson for lesson in of_detector if lesson.kind == kind]
+            right = np.concatenate([lesson.right for lesson in chosen])
+            if min(right.sum(), (~right).sum()) < FEWEST_BOXES:
+                continue
+            part = np.concatenate([lesson.features for lesson in chosen])
+            given.setdefault(kind, []).append((part, right, np.full(len(right), 1 / len(right))))
+    return {
+        kind: fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        for kind, parts in sorted(given.items())
+    }

@@ -1,0 +1,133 @@
+"""How likely a box is right: a logistic function of what speaks for it.
+
+Scores of detectors have scales of their own. They are made comparable by two values that
+`hbbatch calibrate` finds without labels, the median and the 80 % quantile of a detector's scores on
+tracks that persist; seven weights a kind of road user then serve detectors they were not made with
+(docs/accuracy.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from hbbatch.boxes import FloatArray
+from hbbatch.config import ConfidenceWeights, OutputSettings, ProtocolName, ScoreScale
+from hbbatch.model.kinds import KIND_OF_CLASS
+from hbbatch.tracking.frames import IntArray
+from hbbatch.tracking.tracks import Evidence
+
+_LOWEST, _HIGHEST = -4.0, 2.0
+_RANGE_UNIT_M: Final = 50.0
+_SURE: Final = 1e-3
+"""Probabilities closer to 0 and 1 are taken as this close before their logit is taken."""
+
+_RIDGE: Final = 1e-3
+_NEWTON_STEPS: Final = 30
+
+
+def confidence(
+    evidence: Evidence,
+    class_code: IntArray,
+    output: OutputSettings,
+    class_names: Sequence[str],
+) -> FloatArray:
+    """Probability of each row's box to be right, `(n,)`; NaN where the class has no score scale.
+
+    Args:
+        evidence: of each row.
+        class_code: `(n,)` index into `class_names`.
+        output: score scales and, where they differ from the shipped ones, weights.
+        class_names: of the codes.
+    """
+    probability = np.full(len(class_code), np.nan)
+    weights = {**shipped_weights(output.protocol), **(output.confidence or {})}
+    for code, name in enumerate(class_names):
+        scale = output.score_scale.get(name)
+        of_kind = weights.get(KIND_OF_CLASS.get(name, ""))
+        if scale is None or of_kind is None:
+            continue
+        rows = class_code == code
+        probability[rows] = judged(features(evidence.take(rows), scale), of_kind)
+    return probability
+
+
+def shipped_weights(protocol: ProtocolName) -> dict[str, ConfidenceWeights]:
+    """The weights in the package, by kind of road user."""
+    text = (files("hbbatch.tracking") / f"confidence_{protocol}.yaml").read_text()
+    content: Mapping[str, Any] = yaml.safe_load(text)
+    kinds: Mapping[str, Any] = content["output"]["confidence"]
+    return {kind: ConfidenceWeights.model_validate(values) for kind, values in kinds.items()}
+
+
+def features(evidence: Evidence, scale: ScoreScale) -> FloatArray:
+    """`(n, 7)` in the order of `ConfidenceWeights`, the first column ones."""
+    return np.stack(
+        [
+            np.ones(len(evidence.range_m)),
+            _comparable(evidence.detection_score, scale),
+            _comparable(evidence.nearby_score, scale),
+            _comparable(evidence.track_score, scale),
+            evidence.presence,
+            np.log(np.maximum(evidence.detections, 1.0)),
+            evidence.range_m / _RANGE_UNIT_M,
+        ],
+        axis=1,
+    )
+
+
+def judged(given: FloatArray, weights: ConfidenceWeights) -> FloatArray:
+    """Logistic function of `features` `(n, 7)`, `(n,)`."""
+    probability: FloatArray = 1.0 / (1.0 + np.exp(-(given @ np.array(weights.in_order()))))
+    return probability
+
+
+def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | None:
+    """The scale of a detector's scores from those whose tracks persist; None if they have none."""
+    if not persists.any():
+        return None
+    probability = bool(scores.min() >= 0.0 and scores.max() <= 1.0)
+    typical, strong = np.quantile(scores[persists], [0.5, 0.8])
+    if not _linear(typical, probability) < _linear(strong, probability):
+        return None
+    return ScoreScale(typical=float(typical), strong=float(strong), probability=probability)
+
+
+def fit(given: FloatArray, right: NDArray[np.bool_], weight: FloatArray) -> ConfidenceWeights:
+    """Weights by weighted maximum likelihood, with a slight ridge (Newton's method).
+
+    Args:
+        given: `features` `(n, 7)`.
+        right: `(n,)` whether the box is right.
+        weight: `(n,)` how much each row counts.
+    """
+    weight = weight / weight.sum()
+    solution = np.zeros(given.shape[1])
+    ridge = _RIDGE * np.diag([0.0, *np.ones(given.shape[1] - 1)])
+    for _ in range(_NEWTON_STEPS):
+        probability = 1.0 / (1.0 + np.exp(-np.clip(given @ solution, -30.0, 30.0)))
+        gradient = given.T @ (weight * (probability - right)) + ridge @ solution
+        curvature = (given.T * (weight * probability * (1.0 - probability))) @ given + ridge
+        solution -= np.linalg.solve(curvature + 1e-9 * np.eye(len(solution)), gradient)
+    return ConfidenceWeights.from_order([round(float(value), 4) for value in solution])
+
+
+def _comparable(score: FloatArray, scale: ScoreScale) -> FloatArray:
+    ends = np.array([scale.typical, scale.strong])
+    typical, strong = _linear(ends, scale.probability)
+    place: FloatArray = (_linear(score, scale.probability) - typical) / (strong - typical)
+    return np.clip(place, _LOWEST, _HIGHEST)
+
+
+def _linear(score: FloatArray, probability: bool) -> FloatArray:
+    """Scores as they are, or the logit of probabilities, which crowd at one end."""
+    if not probability:
+        return score
+    kept = np.clip(score, _SURE, 1.0 - _SURE)
+    logit: FloatArray = np.log(kept / (1.0 - kept))
+    return logit

@@ -1,0 +1,77 @@
+"""Settings for a detector, found on real drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hbbatch.config import TrackSettings, validate
+from hbbatch.errors import DatasetError, UsageError
+from hbbatch.runner.calibrate import calibrate
+from hbbatch.runner.evaluate import evaluate
+from hbbatch.runner.track import TrackRequest, resolve_settings, track
+from tests.runner.small_dataset import make_dataset
+from tests.tracking.real_drives import few_drives, real_dataset
+
+CLASSICAL = TrackSettings(filter="kalman")
+DRIVES = ("0000", "0003", "0005")
+
+
+def test_the_file_is_a_settings_file_that_improves_the_tracks(
+    test_data: Path, tmp_path: Path
+) -> None:
+    root = few_drives(test_data, *DRIVES).root
+    report = calibrate([root], tmp_path / "cuts.yaml", CLASSICAL)
+    assert report.weights is None
+    assert report.sequences == len(DRIVES)
+    scale = report.scales["car"]
+    assert 1.0 < scale.typical < scale.strong < 9.0
+    assert not scale.probability
+
+    hota = {}
+    for name, config in {"uncut": None, "cut": report.out}.items():
+        settings = resolve_settings(config, {"filter": "kalman"})
+        track(TrackRequest(root, settings, run=name, workers=1))
+        hota[name] = evaluate(root, name, classes=["car"]).evaluation.classes["car"].combined.hota
+    assert hota["cut"] > hota["uncut"] + 2.0
+
+
+def test_labels_teach_weights_for_the_protocol_they_were_learned_with(
+    test_data: Path, tmp_path: Path
+) -> None:
+    online = CLASSICAL.model_copy(
+        update={"output": CLASSICAL.output.model_copy(update={"protocol": "online"})}
+    )
+    root = real_dataset(test_data).root
+    report = calibrate([root], tmp_path / "mine.yaml", online, from_labels=True)
+    assert report.weights is not None
+    assert list(report.weights) == ["vehicle"]
+    assert report.weights["vehicle"].detection_score > 0.3
+    written = validate(TrackSettings, yaml.safe_load(report.out.read_text()), "mine.yaml")
+    assert written.output.protocol == "online"
+    assert written.output.confidence == report.weights
+    assert written.output.score_scale == report.scales
+
+
+def test_several_detectors_share_weights_but_no_scale(test_data: Path, tmp_path: Path) -> None:
+    roots = [real_dataset(test_data, name).root for name in ("virconv", "pointrcnn")]
+    with pytest.raises(UsageError, match="one dataset at a time"):
+        calibrate(roots, tmp_path / "a.yaml", CLASSICAL)
+    report = calibrate(roots, tmp_path / "b.yaml", CLASSICAL, from_labels=True)
+    assert report.scales == {}
+    assert report.weights is not None
+    assert set(report.weights) == {"vehicle", "pedestrian", "cyclist"}
+    assert all(np.isfinite(w.in_order()).all() for w in report.weights.values())
+
+
+def test_too_little_to_tell_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:
+    root = make_dataset(tmp_path / "data", "a").root
+    out = tmp_path / "cuts.yaml"
+    with pytest.raises(DatasetError, match="too few detections on tracks that persist"):
+        calibrate([root], out, CLASSICAL)
+    with pytest.raises(DatasetError, match="holds no labelled sequence"):
+        calibrate([root], out, CLASSICAL, from_labels=True)
+    assert not out.exists()
