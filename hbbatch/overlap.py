@@ -146,14 +146,15 @@ def _length_inside(middle: FloatArray, edge: FloatArray, limit: FloatArray) -> F
     """
     # Adding next to nothing changes an edge only where it is zero.
     inverse = np.reciprocal(edge + _TINY)
-    crossing = middle * inverse[:, :, :, None]
+    ends = np.empty((2, *middle.shape))
+    np.multiply(middle, inverse[:, :, :, None], out=ends[0])
+    np.negative(ends[0], out=ends[1])
     np.abs(inverse, out=inverse)
     inverse *= limit[:, :, None]
-    reach = inverse[:, :, :, None]
-    leave = np.minimum(*(crossing + reach))
-    crossing -= reach
-    enter = np.maximum(*crossing)
-    np.minimum(leave, 1.0, out=leave)
-    leave -= np.maximum(enter, -1.0, out=enter)
-    length: FloatArray = np.maximum(leave, 0.0, out=leave)
+    ends += inverse[:, :, :, None]
+    # How far the edge is inside to either end, seen from its middle.
+    inside = np.minimum(ends[:, 0], ends[:, 1])
+    np.minimum(inside, 1.0, out=inside)
+    length: FloatArray = inside[0] + inside[1]
+    np.maximum(length, 0.0, out=length)
     return length

@@ -57,20 +57,20 @@ class Heading(NamedTuple):
         vectors += crossed
 
 
-def difference(measured: FloatArray, prior: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def difference(measured: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Measured packed boxes minus prior ones, both `(7, n)`.
 
     Returns:
-        The difference, yaw in [-π/2, π/2) as if a half turn did not matter, and whether the
-        measured heading points the other way.
+        The difference, yaw in [-π/2, π/2) as if a half turn did not matter, and the cosine of the
+        headings' difference: negative where the measured one points the other way.
     """
     apart = measured - prior
     yaw = apart[YAW_ROW]
-    flipped: NDArray[np.bool_] = np.cos(yaw) < 0.0
+    agreement: FloatArray = np.cos(yaw)
     yaw += np.pi / 2
     yaw %= np.pi
     yaw -= np.pi / 2
-    return apart, flipped
+    return apart, agreement
 
 
 def keep_sizes(boxes: FloatArray, change: Single, per: Single | float) -> None:

@@ -118,7 +118,7 @@ class PackedHybrid:
         """See `PackedFilter.update`."""
         rows = self._rows
         heading = Heading.of(boxes[YAW_ROW])
-        apart, flipped = difference(measured, boxes)
+        apart, agreement = difference(measured, boxes)
         features, innovation = self._update_features(state, apart, seen, heading)
         memory, factors = self._gain(features)
         state[rows["memory"]] = memory
@@ -128,7 +128,7 @@ class PackedHybrid:
         change = self._base.correct(boxes, state, innovation, variance)
         state[rows["correction"]] = change[:7]
         self._base.apply(boxes, state, change, heading)
-        self._base.settle_heading(boxes, state, flipped)
+        self._base.settle_heading(boxes, state, agreement)
         state[rows["history"]][:7] += change[:7] * state[rows["inverse_dt"]]
         np.log(boxes[SIZE], out=state[rows["log_size"]], casting="same_kind")
         state[rows["counters"].start] = 0.0

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
 from hbbatch.motion.columns import Columns, MotionModel, kalman_order
@@ -189,12 +188,12 @@ class PackedKalman:
     def update(self, boxes: FloatArray, state: Single, measured: FloatArray, seen: Single) -> None:
         """See `PackedFilter.update`."""
         heading = Heading.of(boxes[YAW_ROW])
-        apart, flipped = difference(measured, boxes)
+        apart, agreement = difference(measured, boxes)
         innovation = apart.astype(np.float32)
         heading.turn_back(innovation[PLAN])
         change = self.correct(boxes, state, innovation, seen[BOX_VARIANCE])
         self.apply(boxes, state, change, heading)
-        self.settle_heading(boxes, state, flipped)
+        self.settle_heading(boxes, state, agreement)
 
     def correct(
         self, boxes: FloatArray, state: Single, innovation: Single, variance: Single
@@ -233,12 +232,14 @@ class PackedKalman:
         if self._model == "ca":
             state[self._rows["acceleration"]] += axes[2]
 
-    def settle_heading(self, boxes: FloatArray, state: Single, flipped: NDArray[np.bool_]) -> None:
-        """`model.filters.settle_heading`, in place."""
+    def settle_heading(self, boxes: FloatArray, state: Single, agreement: FloatArray) -> None:
+        """`model.filters.settle_heading`, in place; agreement from `arrays.difference`."""
         vote, yaw = state[self._rows["heading_vote"]][0], boxes[YAW_ROW]
-        vote += 1.0 - 2.0 * flipped
+        vote += np.copysign(1.0, agreement)
         np.minimum(vote, MAX_HEADING_VOTE, out=vote)
-        yaw += np.pi * (vote < 0.0) + np.pi
+        # By no turn or, where the vote is lost, a half turn; then wrapped to [-π, π).
+        yaw -= np.copysign(0.5 * np.pi, vote, dtype=np.float64)
+        yaw += 1.5 * np.pi
         yaw %= 2.0 * np.pi
         yaw -= np.pi
         np.abs(vote, out=vote)

@@ -40,6 +40,7 @@ class Targets(NamedTuple):
     Attributes:
         shapes: `(SHAPE_ROWS, m)` see `costs.shapes_of`.
         reach_m: `(m,)` see `costs.reach_m`.
+        widest_m: `(m,)` the largest reach in the batch.
         order: `(m,)` number that the caller gave to the detection at each place.
         key: `(m,)` position along the layout, ascending: blocks side by side along x.
         low_m, high_m: range of x in which boxes lie.
@@ -47,6 +48,7 @@ class Targets(NamedTuple):
 
     shapes: FloatArray
     reach_m: FloatArray
+    widest_m: FloatArray
     order: IntArray
     key: FloatArray
     low_m: float
@@ -58,6 +60,7 @@ class Targets(NamedTuple):
         return Targets(
             self.shapes[:, rows],
             self.reach_m[rows],
+            self.widest_m[rows],
             self.order[rows],
             self.key[rows],
             self.low_m,
@@ -85,7 +88,19 @@ def lay_out(
     low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
     shapes = shapes_of(detections[order])
     reach = reach_m(shapes, settings.cost, settings.threshold)
-    return Targets(shapes, reach, order, _key(x[order], block[order], low, high), low, high)
+    widest = _largest_of_batch(reach, np.zeros(len(x)) if batch is None else batch[order])
+    key = _key(x[order], block[order], low, high)
+    return Targets(shapes, reach, widest, order, key, low, high)
+
+
+def _largest_of_batch(values: FloatArray, batch: NDArray[np.generic]) -> FloatArray:
+    """The largest value of each one's batch; batches lie together."""
+    if not len(values):
+        return values
+    (new,) = (batch[1:] != batch[:-1]).nonzero()
+    starts = np.concatenate([[0], new + 1])
+    largest: FloatArray = np.maximum.reduceat(values, starts)
+    return largest.repeat(np.diff(starts, append=len(values)))
 
 
 def _key(x: FloatArray, block: IntArray, low_m: float, high_m: float) -> FloatArray:
@@ -122,6 +137,8 @@ def match(
     priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
 ) -> Pairs:
     """`associate` with the detections laid out already."""
+    if not len(targets.order):
+        return Pairs.none()
     shapes = shapes_of(priors)
     reach = reach_m(shapes, settings.cost, settings.threshold)
     pairs = candidates(shapes[PLAN], track_block, reach, targets)
@@ -145,14 +162,14 @@ def candidates(
         plan_m: `(2, n)` x and y of the tracks.
         track_block: `(n,)`.
         track_reach_m: `(n,)`.
-        targets: the detections.
+        targets: one batch of detections, at least one.
 
     Returns:
         Tracks by row, detections by place in the layout.
     """
     x = plan_m[0]
     bounds = np.empty((2, len(x)))
-    strip = track_reach_m + targets.reach_m.max(initial=0.0)
+    strip = track_reach_m + targets.widest_m[0]
     np.subtract(x, strip, out=bounds[0])
     np.add(x, strip, out=bounds[1])
     first, end = targets.key.searchsorted(_key(bounds, track_block, targets.low_m, targets.high_m))

@@ -157,7 +157,7 @@ def _shared_footprint(
     priors: FloatArray, detections: FloatArray, around: _Around, axes: int
 ) -> FloatArray:
     """Footprint intersection, computed only where boxes may meet."""
-    (meet,) = (around.overlap[:axes].min(axis=0) > 0.0).nonzero()
+    (meet,) = (np.minimum.reduce(around.overlap[:axes]) > 0.0).nonzero()
     shared = np.zeros(priors.shape[1])
     shared[meet] = rectangle_intersection(
         around.pose.take(meet, axis=1),

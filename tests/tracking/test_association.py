@@ -74,7 +74,7 @@ def test_candidates_are_exactly_the_near_pairs_of_equal_block(seed: int) -> None
     track_block, detection_block = rng.integers(0, 4, 30), rng.integers(0, 4, 25)
     reach, other = rng.uniform(1, 5, 30), rng.uniform(1, 5, 25)
     targets = lay_out(detections, detection_block, AssociationSettings())
-    targets = targets._replace(reach_m=other[targets.order])
+    targets = targets._replace(reach_m=other[targets.order], widest_m=np.full(25, other.max()))
     track, place = candidates(tracks.T[:2], track_block, reach, targets)
     found = Pairs(track, targets.order[place])
     distance = np.linalg.norm(tracks[:, None, :2] - detections[None, :, :2], axis=2)
