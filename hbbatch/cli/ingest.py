@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,6 +14,7 @@ from hbbatch.cli.ingest_options import (
     MaxGapOption,
     MessagePathOption,
     PoseTopicOption,
+    SourceArgument,
     TopicOption,
     WorldFrameOption,
     source_options,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def ingest(
-    source: Annotated[list[Path], typer.Argument(help="Logs, or folders of them.")],
+    source: SourceArgument,
     dataset: DatasetOption = DEFAULT_DATASET,
     detections: DetectionsOption = None,
     topic: TopicOption = None,

@@ -10,6 +10,11 @@ import typer
 if TYPE_CHECKING:
     from hbbatch.sources.base import SourceOptions
 
+SourceArgument = Annotated[
+    # One that cannot be read is reported like any other that fails, and stops none of them.
+    list[Path],
+    typer.Argument(help="Logs, or folders of them.", readable=False),
+]
 DetectionsOption = Annotated[
     Path | None,
     typer.Option(

@@ -11,9 +11,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
+import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -45,8 +47,13 @@ def check_name(name: str, what: str) -> str:
 
 
 def safe_name(text: str) -> str:
-    """A file name made from any text: other characters become hyphens."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-._")[:128] or "unnamed"
+    """A file name made from any text: accents are dropped, other characters become hyphens.
+
+    A text of which nothing is left is told apart from others by a hash.
+    """
+    plain = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")[:128]
+    return name or f"unnamed-{hashlib.sha256(text.encode(errors='replace')).hexdigest()[:6]}"
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from hbbatch.runner.ingest_task import (
 )
 from hbbatch.runner.opened import open_all
 from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
-from hbbatch.sources.classes import load_taxonomy
 
 __all__ = ["IngestReport", "IngestStatus", "SequenceOutcome", "ingest"]
 
@@ -112,7 +111,6 @@ def ingest(
     """
     started = time.perf_counter()
     report = IngestReport(dataset_root)
-    load_taxonomy(options.classes)
     opened = open_all(sources, options)
     found = [
         (source, handle)

@@ -10,7 +10,10 @@ from typing import Final, TypeVar
 
 from hbbatch.errors import SourceError, UsageError, report_defect
 from hbbatch.sources.base import Source, SourceOptions, source_errors
+from hbbatch.sources.classes import load_taxonomy
+from hbbatch.sources.decoding import check_definitions
 from hbbatch.sources.detect import open_sources
+from hbbatch.sources.mapping import detection_messages
 
 _Result = TypeVar("_Result")
 _FLAGS: Final = {
@@ -55,13 +58,19 @@ def open_all(paths: Sequence[Path], options: SourceOptions) -> OpenedSources:
     """All sources at and below some paths; one that is there twice is read once.
 
     Raises:
-        UsageError: an option is given that concerns none of them.
+        UsageError: an option names a file or release that cannot be used, or is given and concerns
+            none of them.
     """
+    load_taxonomy(options.classes)
+    detection_messages(options.mappings)
+    check_definitions(options)
     opened = OpenedSources()
     once: dict[Path, Source] = {}
     for path in paths:
         for source in opened.ask(path, partial(open_sources, path, options)) or ():
-            once.setdefault(source.path.resolve(), source)
+            # A link that leads in circles has no end to be known by.
+            known_by = source.path.resolve() if source.path.exists() else source.path
+            once.setdefault(known_by, source)
     opened.sources += once.values()
     if not opened.errors and opened.sources:
         _refuse_idle(opened.sources, options)

@@ -23,6 +23,7 @@ from hbbatch.sources.columns import (
     from_samples,
 )
 from hbbatch.sources.decoding import UNDECODABLE, Decoder, decoder, layout
+from hbbatch.sources.messages import DETECTION_MESSAGES
 
 _One = TypeVar("_One")
 _Many = TypeVar("_Many")
@@ -101,7 +102,10 @@ def detection_reader(
     channel: Channel, read: Callable[[Any], Any], options: SourceOptions
 ) -> ChannelReader[Any, DetectionColumns]:
     """The reader of a channel of detections."""
-    return ChannelReader(channel, options, read, from_messages, DETECTION_WALKS)
+    # What a mapping file says of a type counts, also of one that there is a walk for.
+    is_mapped = read is not DETECTION_MESSAGES.get(channel.message_type)
+    walks = {} if is_mapped else DETECTION_WALKS
+    return ChannelReader(channel, options, read, from_messages, walks)
 
 
 def transform_reader(

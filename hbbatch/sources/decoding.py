@@ -238,14 +238,30 @@ def _first_that_fits(decoders: Sequence[Decode], data: bytes) -> Any:
     return last(data)
 
 
+def check_definitions(options: SourceOptions) -> None:
+    """See that definitions of the user's are there, whether or not a log needs them.
+
+    Raises:
+        UsageError: an option names a release or folder that is not there.
+    """
+    _release(options.ros_distro)
+    for folder in options.message_paths:
+        _message_files(folder)
+
+
+def _release(distro: str | None) -> Stores:
+    release = _DISTROS.get(distro or _DEFAULT_DISTRO)
+    if release is None:
+        raise UsageError(f"--ros-distro {distro} is not known. Choose from {', '.join(_DISTROS)}.")
+    return release
+
+
 @cache
 def _outside_stores(
     package: str, message_paths: tuple[Path, ...], distro: str | None
 ) -> list[Typestore]:
     """Definitions that do not come with a log; those of the user's folders count alone."""
-    release = _DISTROS.get(distro or _DEFAULT_DISTRO)
-    if release is None:
-        raise UsageError(f"--ros-distro {distro} is not known. Choose from {', '.join(_DISTROS)}.")
+    release = _release(distro)
     own = {name: text for path in message_paths for name, text in _message_files(path).items()}
     alternatives = [own] if any(name.startswith(f"{package}/") for name in own) else None
     stores = []

@@ -142,6 +142,11 @@ def _not_understood(path: Path) -> SourceError:
     return SourceError(f"{path}: {_nothing_in(path)}. Can be read: {known}.")
 
 
+def _no_file(path: Path) -> SourceError:
+    what = "a link to nothing" if path.is_symlink() else "no file"
+    return SourceError(f"{path}: {what}. Check where it should be, or remove it.")
+
+
 def _nothing_in(path: Path) -> str:
     if path.is_file():
         return "an unknown format" if path.stat().st_size else "an empty file"
@@ -150,16 +155,17 @@ def _nothing_in(path: Path) -> str:
 
 def _open_below(path: Path, options: SourceOptions) -> Iterator[Source]:
     try:
-        with source_errors(path):
-            chosen = next((f for f in FORMATS if f.recognises(path)), None)
-            entries = _visible(path) if chosen is None and path.is_dir() else ()
-    except SourceError as error:
-        yield UnreadableLog(path, error)
+        chosen = next((f for f in FORMATS if f.recognises(path)), None)
+        entries = _visible(path) if chosen is None and path.is_dir() else ()
+    except OSError as error:
+        reason = f"cannot be read ({error.strerror or error}). Check that it is there and readable"
+        yield UnreadableLog(path, SourceError(f"{path}: {reason}."))
         return
     if chosen is not None:
         yield chosen.open(path, options)
-    elif path.is_file() and _is_named_as_log(path):
-        yield UnreadableLog(path, _not_understood(path))
+    elif not path.is_dir() and _is_named_as_log(path):
+        there = _not_understood(path) if path.is_file() else _no_file(path)
+        yield UnreadableLog(path, there)
     for entry in entries:
         yield from _open_below(entry, options)
 

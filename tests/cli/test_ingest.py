@@ -9,7 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from hbbatch.cli.main import app
 from tests import logs
 from tests.kitti_folders import calibration_text, write_sequence
 
@@ -105,6 +107,16 @@ def test_unwritable_dataset_is_one_line(tmp_path: Path) -> None:
     assert result.returncode == 1
     [error] = result.stderr.splitlines()
     assert error.startswith(f"error: {tmp_path}/file/catalog.parquet: cannot be written")
+
+
+def test_a_source_that_must_not_be_read_stops_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command line takes it; what it costs is the reader's to say."""
+    monkeypatch.setattr(os, "access", lambda *_, **__: False)
+    source = write_sequence(tmp_path / "kitti")
+    result = CliRunner().invoke(app, ["ingest", str(source), "-d", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
 
 
 def test_no_source_is_a_usage_error(tmp_path: Path) -> None:

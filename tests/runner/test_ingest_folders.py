@@ -79,6 +79,15 @@ def test_logs_of_the_same_name_are_named_with_their_folders(tmp_path: Path) -> N
     assert again == dict.fromkeys(ingested, "unchanged")
 
 
+def test_names_of_any_alphabet_are_told_apart(tmp_path: Path) -> None:
+    for name in ("日本", "東京", "Zürich früh"):
+        write_log(tmp_path / "logs" / f"{name}.mcap")
+    names = sorted(statuses(ingest([tmp_path / "logs"], tmp_path / "out")))
+    assert names[0] == "Zurich-fruh"
+    assert [name.partition("-")[0] for name in names[1:]] == ["unnamed", "unnamed"]
+    assert len(set(names)) == 3
+
+
 # --- what was asked for is not there -----------------------------------------------------
 
 
@@ -103,6 +112,18 @@ def test_detections_folder_that_is_not_there(tmp_path: Path) -> None:
     report = ingest([source], tmp_path / "out", options=SourceOptions(nowhere))
     assert report.errors == [f"{nowhere}: does not exist. Check --detections."]
     assert report.exit_status is ExitStatus.USAGE
+
+
+def test_links_that_lead_nowhere_or_in_circles(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    write_log(folder / "drive.mcap")
+    (folder / "again").symlink_to(folder)
+    (folder / "gone.mcap").symlink_to(tmp_path / "nowhere.mcap")
+    (folder / "self.mcap").symlink_to(folder / "self.mcap")
+    report = ingest([folder], tmp_path / "out")
+    assert statuses(report) == {"drive": "ingested"}
+    for error, name in zip(report.errors, ("gone.mcap", "self.mcap"), strict=True):
+        assert error.startswith(f"{folder / name}: a link to nothing.")
 
 
 def test_a_damaged_source_beside_a_missing_one_is_a_failure(tmp_path: Path) -> None:

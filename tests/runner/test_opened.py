@@ -53,6 +53,26 @@ def test_detections_are_refused_where_there_are_only_logs(tmp_path: Path) -> Non
         ingest([log], tmp_path / "out", options=SourceOptions(tmp_path))
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (SourceOptions(message_paths=(Path("nowhere"),)), r"--msg-path nowhere: no \.msg files"),
+        (SourceOptions(ros_distro="noble"), "--ros-distro noble is not known"),
+        (SourceOptions(mappings=(Path("no.yaml"),)), r"no\.yaml: cannot be read"),
+        (SourceOptions(classes=Path("no.yaml")), r"no\.yaml: cannot be read"),
+    ],
+)
+def test_options_that_name_what_is_not_there(
+    tmp_path: Path, options: SourceOptions, expected: str
+) -> None:
+    """Whether or not the log needs them."""
+    log = write_log(tmp_path / "drive.mcap")
+    with pytest.raises(UsageError, match=expected):
+        ingest([log], tmp_path / "out", options=options)
+    with pytest.raises(UsageError, match=expected):
+        describe_sources([log], options)
+
+
 def test_an_option_of_use_to_one_source_may_be_given_with_others(tmp_path: Path) -> None:
     kitti, log = write_sequence(tmp_path / "kitti"), write_log(tmp_path / "drive.mcap")
     report = ingest([kitti, log], tmp_path / "out", options=SourceOptions(topics=("/d",)))

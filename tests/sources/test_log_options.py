@@ -198,6 +198,16 @@ def test_mapping_file(tmp_path: Path) -> None:
     assert frame.scores.tolist() == [0.5] * 3
 
 
+def test_a_mapping_counts_for_a_type_that_is_known_too(tmp_path: Path) -> None:
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(
+        "messages:\n  - type: vision_msgs/Detection3DArray\n    objects: detections\n"
+        "    centre: bbox.size\n    size: bbox.size\n    orientation: bbox.center.orientation\n"
+    )
+    [reading] = readings(two_worlds(tmp_path / "a.mcap"), mappings=(mapping,))
+    np.testing.assert_array_equal(frames_of(reading)[0].boxes, [[4, 2, 1, 4, 2, 1, 0]])
+
+
 def test_without_its_mapping_the_type_is_listed(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"no detections in it.*my_msgs/msg/Objects"):
         readings(own_log(tmp_path / "a"))
