@@ -19,7 +19,7 @@ _BLOCK_MESSAGES: Final = 4096
 _BLOCK_BYTES: Final = 8 * 2**20
 
 
-def gather(data: bytes | bytearray | memoryview, places: IntArray, kind: np.dtype[Any]) -> Any:
+def gather(data: bytes | memoryview, places: IntArray, kind: np.dtype[Any]) -> Any:
     """Values that lie anywhere in a buffer, aligned or not, `(n,)`.
 
     Raises:
@@ -43,7 +43,7 @@ class Payloads:
         ends: `(m,)` where each ends.
     """
 
-    buffer: bytes | bytearray
+    buffer: bytes | memoryview
     starts: IntArray
     ends: IntArray
 
@@ -164,12 +164,17 @@ def _block(messages: Sequence[RawMessage]) -> Block:
     )
 
 
+def _unset(size: int) -> memoryview:
+    """Memory that costs nothing before it is written to."""
+    return np.empty(size, dtype=np.uint8).data
+
+
 class BlockBuilder:
     """Collects messages that lie together in larger pieces into blocks, in a buffer of its own."""
 
     def __init__(self, capacity: int = _BLOCK_BYTES) -> None:
         self._capacity = capacity
-        self._buffer = bytearray()
+        self._buffer = _unset(0)
         self._used = 0
         self._parts: list[tuple[IntArray, IntArray, IntArray, IntArray]] = []
 
@@ -205,9 +210,9 @@ class BlockBuilder:
         first, self._used = self._used, self._used + len(piece)
         needed = max(self._used, self._capacity) + PADDING
         if len(self._buffer) < needed:
-            self._buffer = bytearray(needed)
-        with memoryview(self._buffer) as view:
-            view[first : self._used] = piece
+            former, self._buffer = self._buffer, _unset(needed)
+            self._buffer[:first] = former[:first]
+        self._buffer[first : self._used] = piece
         self._parts.append((starts + first, ends + first, codes, log_time_ns))
 
     def take(self, channels: Sequence[Channel]) -> Iterator[Block]:
@@ -217,4 +222,4 @@ class BlockBuilder:
             self._parts, self._used = [], 0
             yield Block(channels, codes, log_time_ns, Payloads(self._buffer, starts, ends))
             if len(self._buffer) > self._capacity + PADDING:
-                self._buffer = bytearray()
+                self._buffer = _unset(0)

@@ -267,7 +267,7 @@ class _Run:
     marked on the way, and gathered from the buffer at the end, all turns at once.
     """
 
-    def __init__(self, buffer: bytes | bytearray) -> None:
+    def __init__(self, buffer: bytes | memoryview) -> None:
         self._buffer = buffer
         self._numbers: dict[tuple[str, ...], list[tuple[IntArray, IntArray]]] = {}
         self._dtypes: dict[tuple[str, ...], str] = {}

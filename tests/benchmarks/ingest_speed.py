@@ -1,21 +1,22 @@
 """How fast logs are read, and in how much memory. Run by hand, from the root of the repository:
 
-    OMP_NUM_THREADS=1 python -m tests.benchmarks.ingest_speed
+    OMP_NUM_THREADS=1 python -m tests.benchmarks.ingest_speed --markdown docs/performance_ingest.md
 
-Each figure is taken in a process of its own, in seconds of CPU (all threads), so that what else the
-machine does counts little; the best of three counts. See
-docs/performance_ingest.md for what is compared and what came out.
+Each figure is seconds of CPU (all threads) of a process of its own, which has imported what it
+needs. What is compared takes turns, round by round, so that a machine that is busy for a while is
+busy for all of it; medians count. See docs/performance_ingest.md for what came out.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
-import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -25,8 +26,10 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from hbbatch.runner.bench_report import Table, as_markdown, write_markdown
 from hbbatch.runner.ingest import ingest
 from tests import logs
+from tests.benchmarks.ingest_split import split
 
 _BOXES = 20
 _CLASSES = ("car", "pedestrian", "truck", "bicycle")
@@ -98,31 +101,63 @@ def write_clouds(path: Path, gigabytes: float) -> Path:
     return path
 
 
-def bare_iteration(path: Path, _: Path) -> int:
+@dataclass(frozen=True)
+class Sample:
+    """One process.
+
+    Attributes:
+        messages: what it read.
+        seconds: CPU time.
+        peak_rss_mb: the most memory it had.
+        parts: seconds by part, where they were asked for.
+    """
+
+    messages: int
+    seconds: float
+    peak_rss_mb: float
+    parts: dict[str, float]
+
+
+Work = Callable[[Path, Path], tuple[int, dict[str, float]]]
+
+
+def bare_iteration(path: Path, _: Path) -> tuple[int, dict[str, float]]:
     """mcap's StreamReader over all records, nothing decoded."""
     with path.open("rb") as file:
-        return sum(isinstance(record, Message) for record in StreamReader(file).records)
+        return sum(isinstance(record, Message) for record in StreamReader(file).records), {}
 
 
-def mcap_ros2_support(path: Path, _: Path) -> int:
+def checked_iteration(path: Path, _: Path) -> tuple[int, dict[str, float]]:
+    """The same with the checksums validated, as an ingest does."""
+    with path.open("rb") as file:
+        found = StreamReader(file, validate_crcs=True).records
+        return sum(isinstance(record, Message) for record in found), {}
+
+
+def mcap_ros2_support(path: Path, _: Path) -> tuple[int, dict[str, float]]:
     """mcap-ros2-support's decoder on all messages."""
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        return sum(1 for _ in reader.iter_decoded_messages())
+        return sum(1 for _ in reader.iter_decoded_messages()), {}
 
 
-def hbbatch_ingest(path: Path, out: Path) -> int:
+def hbbatch_ingest(path: Path, out: Path) -> tuple[int, dict[str, float]]:
     """All of `hbbatch ingest`: boxes, poses, Parquet, hashes."""
     report = ingest([path], out, force=True)
     assert report.errors == []
-    return 2 * sum(outcome.row["frames"] for outcome in report.outcomes if outcome.row)
+    return 2 * sum(outcome.row["frames"] for outcome in report.outcomes if outcome.row), {}
 
 
-def _measure(work: Callable[[Path, Path], int], path: Path, out: Path, pipe: Any) -> None:
+def split_ingest(path: Path, out: Path) -> tuple[int, dict[str, float]]:
+    """The same with its parts timed, which takes a little longer."""
+    return 0, split(lambda: hbbatch_ingest(path, out))
+
+
+def _measure(work: Work, path: Path, out: Path, pipe: Any) -> None:
     started = time.process_time()
-    messages = work(path, out)
+    messages, parts = work(path, out)
     seconds = time.process_time() - started
-    pipe.send((messages, seconds, _peak_rss_mb()))
+    pipe.send(Sample(messages, seconds, _peak_rss_mb(), parts))
 
 
 def _peak_rss_mb() -> float:
@@ -131,20 +166,82 @@ def _peak_rss_mb() -> float:
     return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
-def measured(work: Callable[[Path, Path], int], path: Path, runs: int) -> tuple[float, float]:
-    """Messages a second and peak RSS (MB), best of some runs in processes of their own."""
+def measured(work: Work, path: Path) -> Sample:
+    """One piece of work in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    best, peak = 0.0, 0.0
-    for _ in range(runs):
-        out = Path(tempfile.mkdtemp())
-        here, there = context.Pipe()
-        process = context.Process(target=_measure, args=(work, path, out, there))
+    here, there = context.Pipe()
+    with tempfile.TemporaryDirectory() as out:
+        process = context.Process(target=_measure, args=(work, path, Path(out), there))
         process.start()
-        messages, seconds, rss_mb = here.recv()
+        sample: Sample = here.recv()
         process.join()
-        shutil.rmtree(out)
-        best, peak = max(best, messages / seconds), max(peak, rss_mb)
-    return best, peak
+    return sample
+
+
+def in_turns(works: Sequence[Work], path: Path, rounds: int) -> dict[Work, list[Sample]]:
+    """All pieces of work, one after the other, some times over."""
+    samples: dict[Work, list[Sample]] = {work: [] for work in works}
+    for _ in range(rounds):
+        for work in works:
+            samples[work].append(measured(work, path))
+    return samples
+
+
+def speed_table(path: Path, rounds: int, slow_rounds: int) -> Table:
+    """What an ingest takes, against reading alone and against another decoder."""
+    samples = in_turns((bare_iteration, checked_iteration, hbbatch_ingest), path, rounds)
+    samples |= in_turns((mcap_ros2_support,), path, slow_rounds)
+    seconds = {work: median(s.seconds for s in taken) for work, taken in samples.items()}
+    ratios = [
+        ours.seconds / bare.seconds
+        for ours, bare in zip(samples[hbbatch_ingest], samples[bare_iteration], strict=True)
+    ]
+    titles = {
+        bare_iteration: "`StreamReader`, nothing decoded",
+        checked_iteration: "`StreamReader`, checksums validated",
+        hbbatch_ingest: "`hbbatch ingest`",
+        mcap_ros2_support: "mcap-ros2-support, decoding only",
+    }
+    rows = [
+        (
+            title,
+            f"{1e3 * seconds[work]:,.0f}",
+            f"{samples[work][0].messages / seconds[work]:,.0f}",
+            f"{seconds[work] / seconds[bare_iteration]:.2f}",
+            f"{seconds[mcap_ros2_support] / seconds[work]:.1f}",
+        )
+        for work, title in titles.items()
+    ]
+    return Table(
+        "Speed",
+        ("", "ms of CPU", "messages/s", "time, bare = 1", "messages/s, mcap-ros2-support = 1"),
+        rows,
+        f"{samples[hbbatch_ingest][0].messages:,} messages, {path.stat().st_size / 1e6:.0f} MB. "
+        f"Medians of {rounds} rounds ({slow_rounds} of mcap-ros2-support). Ingest against bare "
+        f"iteration round by round: {min(ratios):.2f} to {max(ratios):.2f}.",
+    )
+
+
+def split_table(path: Path, rounds: int) -> Table:
+    """Where the time of an ingest goes."""
+    taken = [measured(split_ingest, path) for _ in range(rounds)]
+    parts = {name: median(s.parts[name] for s in taken) for name in taken[0].parts}
+    total = sum(parts.values())
+    ranked = sorted(parts.items(), key=lambda item: -item[1])
+    rows = [(name, f"{1e3 * part:.1f}", f"{100 * part / total:.0f} %") for name, part in ranked]
+    return Table(
+        "Where the time of an ingest goes",
+        ("part", "ms of CPU", "share"),
+        rows,
+        f"Each part without those within it, medians of {rounds} processes.",
+    )
+
+
+def memory_table(path: Path) -> Table:
+    """How much memory a log of point clouds takes."""
+    sample = measured(hbbatch_ingest, path)
+    row = (f"{path.stat().st_size / 1e9:.1f} GB", f"{sample.peak_rss_mb:.0f} MB")
+    return Table("Memory", ("log of point clouds", "most memory (`VmHWM`)"), [row])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -152,20 +249,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--messages", type=int, default=10_000)
     parser.add_argument("--gigabytes", type=float, default=4.0)
-    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--slow-rounds", type=int, default=2, help="of mcap-ros2-support")
+    parser.add_argument("--markdown", type=Path, help="document to write the tables into")
     asked = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         path = write_detections(Path(folder) / "drive.mcap", asked.messages)
-        rates = {}
-        for work in (bare_iteration, mcap_ros2_support, hbbatch_ingest):
-            rates[work], peak = measured(work, path, asked.runs)
-            print(f"{work.__name__:20} {rates[work]:10.0f} messages/s {peak:6.0f} MB")
-        print(f"time of bare iteration x {rates[bare_iteration] / rates[hbbatch_ingest]:.2f}")
-        print(f"mcap-ros2-support x {rates[hbbatch_ingest] / rates[mcap_ros2_support]:.1f}")
-        clouds = write_clouds(Path(folder) / "clouds.mcap", asked.gigabytes)
-        rate, peak = measured(hbbatch_ingest, clouds, 1)
-        size = clouds.stat().st_size / 1e9
-        print(f"{size:.1f} GB of point clouds: {rate:.0f} messages/s, peak RSS {peak:.0f} MB")
+        tables = [speed_table(path, asked.rounds, asked.slow_rounds)]
+        tables += [split_table(path, asked.rounds)]
+        tables += [memory_table(write_clouds(Path(folder) / "clouds.mcap", asked.gigabytes))]
+    print(as_markdown(tables))
+    if asked.markdown:
+        write_markdown(asked.markdown, tables)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,13 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
+from hbbatch.sources import cdr_walk
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
 from hbbatch.sources.cdr_walk import CdrWalk, WalkRefusedError
 from hbbatch.sources.columns import DetectionColumns, from_messages, from_samples
 from hbbatch.sources.messages import DETECTION_MESSAGES, POSE_MESSAGES, TRANSFORM_MESSAGES
-from tests import log_families
+from tests import log_families, logs
 
 STORES = {
     "humble": log_families.store(Stores.ROS2_HUMBLE),
@@ -130,3 +131,22 @@ def test_a_definition_of_another_layout_is_refused() -> None:
     types = STORES["humble"]
     with pytest.raises(WalkRefusedError, match="no field header"):
         CdrWalk(types, "geometry_msgs/msg/Point", ["header.frame_id"])
+
+
+@pytest.mark.parametrize("kinds", [1, 5, 60])
+def test_however_many_names_there_are(kinds: int) -> None:
+    kind, types = "tf2_msgs/msg/TFMessage", STORES["humble"]
+    names = [f"frame_{number % kinds}" * (1 + number % kinds % 3) for number in range(200)]
+    transforms = [logs.transform(1, "map", name, (0, 0, 0)) for name in names]
+    batch = [bytes(logs.STORE.serialize_cdr(message, kind)) for message in transforms]
+    walked = TRANSFORM_WALKS[kind](types, kind)(Payloads.of(batch))
+    assert walked.children.to_list() == names
+    assert len(walked.children.vocabulary) == kinds
+
+
+def test_texts_are_told_apart_by_all_of_their_letters() -> None:
+    # Made so that the key by which rows are told apart is the same.
+    rows = np.array([[0, 0x9E3779B97F4A7C15], [1, 0], [0, 0x9E3779B97F4A7C15]], dtype=np.uint64)
+    first, codes = cdr_walk._distinct(rows)
+    assert codes[0] == codes[2] != codes[1]
+    np.testing.assert_array_equal(rows[first][codes], rows)

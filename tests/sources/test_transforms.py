@@ -58,6 +58,8 @@ def test_between_samples_position_is_linear_and_rotation_slerp() -> None:
 def test_at_a_sample_the_pose_is_the_logged_one() -> None:
     poses = driving_tree().poses("lidar", "map", np.array([10, 11]) * SECOND)
     np.testing.assert_allclose(poses.translation_m, [[2, 0, 0], [10, 2, 0]], atol=1e-12)
+    turned = driving_tree().poses("base_link", "map", np.array([10, 11]) * SECOND)
+    np.testing.assert_array_equal(turned.translation_m, [[0, 0, 0], [10, 0, 0]])
     assert poses.exact.all()
 
 
