@@ -38,11 +38,13 @@ from hbbatch.sources.kitti_detections import (
 from hbbatch.sources.kitti_geometry import (
     SENSOR_FRAME,
     KittiCalibration,
+    evened,
+    imu_poses,
     read_calibration,
     world_from_sensor,
 )
 from hbbatch.sources.kitti_labels import FRAME_NS, read_labels
-from hbbatch.sources.kitti_text import parse_oxts
+from hbbatch.sources.kitti_text import OXTS_FORWARD, parse_oxts
 
 _PARTS: Final = ("calib", "oxts", "label_02", "image_02")
 _DETECTION_FOLDERS: Final = ("det_02", "detections")
@@ -189,7 +191,8 @@ class KittiSequence:
         oxts = parse_oxts(path)
         if not len(oxts):
             raise SourceError(f"{path}: holds no line. Restore the file from its origin.")
-        translations_m, rotations = world_from_sensor(oxts, calibration)
+        world_from_imu = evened(imu_poses(oxts), oxts[:, OXTS_FORWARD], FRAME_NS * 1e-9)
+        translations_m, rotations = world_from_sensor(world_from_imu, calibration)
         return Poses(translations_m, rotations, Names.of([LOGGED] * len(oxts)))
 
     def _frame_count(

@@ -36,6 +36,7 @@ from hbbatch.sources.kitti_detections import detection_files, frame_batch, read_
 from hbbatch.sources.kitti_geometry import (
     SENSOR_FRAME,
     KittiCalibration,
+    imu_poses,
     matrix_of,
     world_from_sensor,
 )
@@ -149,7 +150,9 @@ class KittiRawSequence:
                 f"{self.detections}: detections up to frame {detections.frames_needed - 1}, the "
                 f"drive {self.sequence_id} has {len(files)} frames. Check that they belong to it."
             )
-        poses = Poses(*world_from_sensor(oxts, calibration), Names.of([LOGGED] * len(files)))
+        poses = Poses(
+            *world_from_sensor(imu_poses(oxts), calibration), Names.of([LOGGED] * len(files))
+        )
         batch = frame_batch(detections, stamps_ns, poses)
         camera = CameraCalibration(
             calibration.image_from_sensor, *self._image_size_px(), SENSOR_FRAME

@@ -44,6 +44,7 @@ CSV_LAYOUT: Final = Layout(
 )
 CSV_CLASSES: Final = {"1": "Pedestrian", "2": "Car", "3": "Cyclist"}
 OXTS_COLUMNS: Final = 30
+OXTS_FORWARD: Final = 8
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,10 @@ def _first_unreadable(lines: IntArray, fields: Iterable[list[str]]) -> tuple[int
 
 
 def parse_oxts(path: Path) -> FloatArray:
-    """Latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad) of each line, `(n, 6)`.
+    """The 30 columns of each line, `(n, 30)`.
+
+    The first are latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad), velocity
+    north and east, and `OXTS_FORWARD` (m/s).
 
     Raises:
         SourceError: a line has not KITTI's 30 columns, or a value that is no finite number.
@@ -178,5 +182,4 @@ def parse_oxts(path: Path) -> FloatArray:
         if len(row) != OXTS_COLUMNS:
             what = f"{len(row)} columns, expected {OXTS_COLUMNS} (lat lon alt roll pitch yaw …)"
             raise line_error(path, number, what)
-    numbers = parse_numbers(path, np.arange(len(fields)), fields, OXTS_COLUMNS)
-    return numbers[:, :6]
+    return parse_numbers(path, np.arange(len(fields)), fields, OXTS_COLUMNS)

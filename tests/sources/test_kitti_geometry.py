@@ -1,45 +1,64 @@
-"""The box conversion held against KITTI's own definition of a box's corners."""
+"""Ego poses evened in time, by the speed that the receiver itself measured."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+import pytest
 
-from hbbatch.boxes import corners
-from hbbatch.sources.kitti_geometry import sensor_boxes
+from hbbatch.sources.kitti_geometry import evened, imu_poses
+from hbbatch.sources.kitti_text import OXTS_FORWARD, parse_oxts
 
-_METRES = st.floats(-100, 100)
-_SIZES = st.floats(0.1, 20)
-_ANGLES = st.floats(-10, 10)
+FRAME_S = 0.1
 
 
-@given(st.tuples(_SIZES, _SIZES, _SIZES, _METRES, _METRES, _METRES, _ANGLES))
-def test_corners_are_those_of_the_development_kit(box: tuple[float, ...]) -> None:
-    height, width, length, x, y, z, ry = box
-    along = length / 2 * np.array([1, 1, -1, -1, 1, 1, -1, -1])
-    up = -height * np.array([0, 0, 0, 0, 1, 1, 1, 1])
-    across = width / 2 * np.array([1, -1, -1, 1, 1, -1, -1, 1])
-    camera = np.stack(
-        [
-            np.cos(ry) * along + np.sin(ry) * across + x,
-            up + y,
-            -np.sin(ry) * along + np.cos(ry) * across + z,
-        ],
-        axis=1,
-    )
-    expected = np.stack([camera[:, 2], -camera[:, 0], -camera[:, 1]], axis=1)
-    [ours] = corners(sensor_boxes(np.array([box])))
-    distances = np.linalg.norm(ours[:, None] - expected[None], axis=2)
-    assert distances.min(axis=1).max() < 1e-9
-    assert distances.min(axis=0).max() < 1e-9
+def straight_drive(speed_m_s: np.ndarray, late_s: np.ndarray) -> np.ndarray:
+    """Poses along x, each read `late_s` after its frame."""
+    poses = np.tile(np.eye(4), (len(speed_m_s), 1, 1))
+    start = np.concatenate([[0.0], np.cumsum((speed_m_s[1:] + speed_m_s[:-1]) / 2 * FRAME_S)])
+    poses[:, 0, 3] = start + late_s * speed_m_s
+    return poses
 
 
-@given(_ANGLES)
-def test_heading_is_kittis(ry: float) -> None:
-    yaw = sensor_boxes(np.array([[1.5, 1.6, 4.0, 0, 0, 0, ry]]))[0, 6]
-    camera_heading = np.array([np.cos(ry), 0.0, -np.sin(ry)])
-    np.testing.assert_allclose(
-        [np.cos(yaw), np.sin(yaw)], [camera_heading[2], -camera_heading[0]], atol=1e-12
-    )
-    assert -np.pi <= yaw < np.pi
+def test_what_uneven_reading_adds_is_taken_away() -> None:
+    speed = np.linspace(5.0, 25.0, 200)
+    late = np.random.default_rng(0).uniform(-0.005, 0.005, 200)
+    uneven, exact = straight_drive(speed, late), straight_drive(speed, np.zeros(200))
+    even = evened(uneven, speed, FRAME_S)
+    error = np.diff(uneven[:, 0, 3] - exact[:, 0, 3]).std()
+    left = np.diff(even[:, 0, 3] - exact[:, 0, 3]).std()
+    assert left < 0.2 * error
+    assert np.abs(even[:, 0, 3] - exact[:, 0, 3]).max() < 0.06
+
+
+def test_sideways_and_upwards_nothing_moves() -> None:
+    poses = straight_drive(np.full(50, 10.0), np.random.default_rng(1).normal(0, 0.003, 50))
+    poses[:, 1, 3], poses[:, 2, 3] = np.arange(50) * 0.2, np.sin(np.arange(50))
+    even = evened(poses, np.full(50, 10.0), FRAME_S)
+    np.testing.assert_array_equal(even[:, 1:3, 3], poses[:, 1:3, 3])
+    np.testing.assert_array_equal(even[:, :3, :3], poses[:, :3, :3])
+
+
+@pytest.mark.parametrize("speed", [0.0, 30.0])
+def test_speeds_that_do_not_fit_the_positions_are_not_believed(speed: float) -> None:
+    poses = straight_drive(np.full(50, 10.0), np.zeros(50))
+    assert evened(poses, np.full(50, speed), FRAME_S) is poses
+
+
+def test_one_frame_needs_no_evening() -> None:
+    assert len(evened(np.eye(4)[None], np.zeros(1), FRAME_S)) == 1
+
+
+@pytest.mark.parametrize("sequence_id", ["0003", "0005", "0020"])
+def test_real_drives_then_move_as_smoothly_as_they_did(test_data: Path, sequence_id: str) -> None:
+    """Second differences of the way driven fall to a quarter."""
+    oxts = parse_oxts(test_data / "kitti" / "training" / "oxts" / f"{sequence_id}.txt")
+    logged = imu_poses(oxts)
+    even = evened(logged, oxts[:, OXTS_FORWARD], FRAME_S)
+
+    def roughness(poses: np.ndarray) -> float:
+        way = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        return float(np.abs(np.diff(way)).mean())
+
+    assert roughness(even) < 0.25 * roughness(logged)
