@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import zstandard
 from mcap.writer import CompressionType, Writer
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -96,23 +97,28 @@ def _cdr(types: Typestore, kind: str, content: Any) -> bytes:
 
 def bag(
     compression: rosbag1.Writer.CompressionFormat | None,
+    *,
+    writers: int = 1,
+    chunk_bytes: int | None = None,
 ) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
-    """A ROS 1 bag."""
+    """A ROS 1 bag; several writers of a topic take turns, each with a connection of its own."""
 
     def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
         path = path.with_suffix(".bag")
         writer = rosbag1.Writer(path)
         if compression is not None:
             writer.set_compression(compression)
+        writer.chunk_threshold = chunk_bytes or writer.chunk_threshold
         with writer:
-            connections: dict[str, Any] = {}
-            for message in messages:
-                if message.topic not in connections:
-                    connections[message.topic] = writer.add_connection(
-                        message.topic, message.kind, typestore=types
+            connections: dict[tuple[str, int], Any] = {}
+            for number, message in enumerate(messages):
+                key = (message.topic, number % writers)
+                if key not in connections:
+                    connections[key] = writer.add_connection(
+                        message.topic, message.kind, typestore=types, callerid=f"/n{key[1]}"
                     )
                 data = types.serialize_ros1(message.content, message.kind)
-                writer.write(connections[message.topic], message.log_time_ns, data)
+                writer.write(connections[key], message.log_time_ns, data)
         return path
 
     return write
@@ -141,12 +147,29 @@ def folder(
     return write
 
 
-def bare_db3(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
-    """A .db3 file without its folder."""
-    [file] = folder(StoragePlugin.SQLITE3, version=8)(
-        path.with_name(f"{path.name}-folder"), messages, types
-    ).glob("*.db3")
-    return file.rename(path.with_suffix(".db3"))
+def bare_db3(version: int) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A .db3 file without its folder; version 8 embeds no definitions."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        whole = folder(StoragePlugin.SQLITE3, version=version)
+        [file] = whole(path.with_name(f"{path.name}-folder"), messages, types).glob("*.db3")
+        return file.rename(path.with_suffix(".db3"))
+
+    return write
+
+
+def packed(
+    write_log: Callable[[Path, Sequence[Logged], Typestore], Path],
+) -> Callable[[Path, Sequence[Logged], Typestore], Path]:
+    """A file packed as a whole, without a folder."""
+
+    def write(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
+        file = write_log(path, messages, types)
+        target = file.with_name(f"{file.name}.zstd")
+        target.write_bytes(zstandard.compress(file.read_bytes()))
+        return target
+
+    return write
 
 
 def split(path: Path, messages: Sequence[Logged], types: Typestore) -> Path:
@@ -179,7 +202,10 @@ ROS2_CONTAINERS = {
     "folder_mcap_message": folder(StoragePlugin.MCAP, CompressionMode.MESSAGE),
     "folder_mcap_storage": folder(StoragePlugin.MCAP, CompressionMode.STORAGE),
     "folder_split": split,
-    "bare_db3": bare_db3,
+    "bare_db3": bare_db3(version=8),
+    "bare_db3_defined": bare_db3(version=9),
+    "bare_db3_packed": packed(bare_db3(version=9)),
+    "bare_mcap_packed": packed(mcap()),
     "mcap_idl": encoded("cdr", "ros2idl", schemas.idl, _cdr),
     "mcap_json": encoded("json", "jsonschema", lambda *_: b"{}", schemas.json_text),
     "mcap_json_bare": encoded("json", "", lambda *_: b"", schemas.json_text),
@@ -188,6 +214,7 @@ ROS1_CONTAINERS = {
     "bag_none": bag(None),
     "bag_bz2": bag(_BAG.BZ2),
     "bag_lz4": bag(_BAG.LZ4),
+    "bag_two_writers": bag(_BAG.LZ4, writers=2, chunk_bytes=4096),
     "mcap_ros1": mcap(ros=1),
 }
 FOXGLOVE_CONTAINERS = {

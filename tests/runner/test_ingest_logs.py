@@ -162,6 +162,27 @@ def test_vision_messages_of_ros1(tmp_path: Path, real_frames: list[LoggedFrame])
     in_all_containers(tmp_path, families.VISION_ROS1, real_frames, ROS1_CONTAINERS, types)
 
 
+@pytest.mark.parametrize("container", ["bag_two_writers", "mcap_ros1"])
+def test_order_in_the_file_does_not_matter(
+    tmp_path: Path, real_frames: list[LoggedFrame], container: str
+) -> None:
+    """Chunks that are not sorted by time; of one writer, or of two that take turns."""
+    types = _store(Stores.ROS1_NOETIC, vision=1)
+    log = messages(families.VISION_ROS1, real_frames, types)
+    write = ROS1_CONTAINERS[container]
+    tables, backwards = [], []
+    for name, part in {"sorted": log, "unsorted": log[::-1]}.items():
+        report = ingest([write(tmp_path / name, part, types)], tmp_path / "out")
+        assert report.exit_status is ExitStatus.DONE
+        dataset = Dataset.open(tmp_path / "out")
+        found = dataset.detections(name).drop_columns(["source_row"])
+        tables.append((found, dataset.poses(name)))
+        backwards.append([p for o in report.outcomes for p in o.problems if "backwards" in p])
+    assert tables[1][0].equals(tables[0][0])
+    assert tables[1][1].equals(tables[0][1])
+    assert backwards == [[], ["topic /found: stamps run backwards 5 times, sorted"]]
+
+
 @pytest.fixture(scope="module")
 def vision_tables(
     tmp_path_factory: pytest.TempPathFactory, real_frames: list[LoggedFrame]
