@@ -263,6 +263,12 @@ def _encoding(expected: pa.Schema) -> dict[str, Any]:
         "compression": {name: "lz4" if name in measured else "zstd" for name in expected.names},
         # A dictionary of measured numbers is as long as the column.
         "use_dictionary": [f.name for f in expected if pa.types.is_string(f.type)],
+        # What counts rows is written as its steps, which are all the same.
+        "column_encoding": {
+            field.name: "DELTA_BINARY_PACKED"
+            for field in expected
+            if field.name == "detection_id" and not field.nullable
+        },
         # For readers that skip rows by what they are ordered by.
         "write_statistics": [n for n in expected.names if n in {"frame_index", "timestamp_ns"}],
     }

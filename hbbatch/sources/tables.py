@@ -93,7 +93,10 @@ def _image_columns(image_boxes: FloatArray) -> dict[str, pa.Array]:
 
 def _columns(names: Sequence[str], values: FloatArray) -> dict[str, pa.Array]:
     """Columns of numbers, `(n, len(names))`; null where they are NaN."""
-    missing = bool(np.isnan(values).any())
+    is_nan = np.isnan(values)
+    if is_nan.all():
+        return {name: pa.nulls(len(values), pa.float64()) for name in names}
+    missing = bool(is_nan.any())
     columns = np.ascontiguousarray(values.T)
     return {
         name: pa.array(column, from_pandas=missing)
