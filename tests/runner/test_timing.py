@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
+import numpy as np
 import pytest
 
 from hbbatch import schema
@@ -38,3 +42,12 @@ def test_stages_are_the_seconds_of_the_schema() -> None:
 def test_peak_memory_is_that_of_a_python_process() -> None:
     assert 5 < peak_rss_mb() < 1_000_000
     assert peak_rss_mb() == pytest.approx(peak_rss_mb(), rel=0.5)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the system tells it right")
+def test_a_process_does_not_answer_for_the_memory_of_the_one_that_started_it() -> None:
+    big = np.ones(60_000_000)
+    code = "from hbbatch.runner.timing import peak_rss_mb; print(peak_rss_mb())"
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert 10 < float(said) < big.nbytes / 1e6 < peak_rss_mb()
