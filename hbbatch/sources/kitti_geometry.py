@@ -31,6 +31,10 @@ _EVEN_FRAMES: Final = 5.0
 _LARGEST_MISFIT_M: Final = 0.1
 """Median difference, a frame, of distance and speed at which speeds are not believed."""
 
+_MISFIT: Final = 0.01
+"""How far products of a rotation's rows may be from those of the axes, for rounded numbers."""
+
+_LARGEST_SHIFT_M: Final = 100.0
 _CAMERA_FROM_FLU: Final[FloatArray] = np.array(
     [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
@@ -75,13 +79,15 @@ def read_calibration(path: Path) -> KittiCalibration:
     """A KITTI calib file, in the spelling of any of its benchmarks.
 
     Raises:
-        SourceError: the file is missing, or a matrix that is needed has not 9 or 12 numbers.
+        SourceError: the file is missing, a matrix that is needed has not 9 or 12 numbers, or one
+            that should be rigid is not.
     """
     matrices = {}
     for number, line in enumerate(read_text(path).splitlines()):
         key, *texts = line.replace(":", " ", 1).split() or [""]
         if key in _KEYS:
-            matrices[_KEYS[key]] = matrix_of(path, number, key, texts)
+            read = matrix_of if _KEYS[key] == "P2" else rigid_of
+            matrices[_KEYS[key]] = read(path, number, key, texts)
     return KittiCalibration(path, matrices)
 
 
@@ -102,6 +108,26 @@ def matrix_of(path: Path, line: int, key: str, texts: list[str]) -> FloatArray:
     padded = np.eye(4)
     padded[:3, : values.size // 3] = values.reshape(3, -1)
     return padded
+
+
+def rigid_of(path: Path, line: int, key: str, texts: list[str]) -> FloatArray:
+    """A rotation of 9 numbers, or with a shift of 12, padded to `(4, 4)`.
+
+    Raises:
+        SourceError: they are not, naming file, line and key.
+    """
+    matrix = matrix_of(path, line, key, texts)
+    turn, shift_m = matrix[:3, :3], matrix[:3, 3]
+    is_small = (np.abs(turn) < 2).all() and (np.abs(shift_m) < _LARGEST_SHIFT_M).all()
+    is_turn = (
+        is_small and np.allclose(turn @ turn.T, np.eye(3), atol=_MISFIT) and np.linalg.det(turn) > 0
+    )
+    if not is_turn:
+        raise SourceError(
+            f"{path}:{line + 1}: {key} is no rotation, or shifts by more than a vehicle is long. "
+            "Restore the file from its origin."
+        )
+    return matrix
 
 
 def sensor_boxes(camera_boxes: FloatArray) -> FloatArray:

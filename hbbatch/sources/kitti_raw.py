@@ -38,6 +38,7 @@ from hbbatch.sources.kitti_geometry import (
     KittiCalibration,
     imu_poses,
     matrix_of,
+    rigid_of,
     world_from_sensor,
 )
 from hbbatch.sources.kitti_text import line_error, parse_oxts, read_text
@@ -178,7 +179,7 @@ class KittiRawSequence:
             folder,
             {
                 "P2": cameras.matrix("P_rect_02"),
-                "R0_rect": cameras.matrix("R_rect_00"),
+                "R0_rect": cameras.rotation("R_rect_00"),
                 "Tr_velo_to_cam": velodyne.rigid(),
                 "Tr_imu_to_velo": imu.rigid(),
             },
@@ -209,11 +210,15 @@ class _Values:
         line, rest = self._lines.get(key, (0, ""))
         return matrix_of(self._path, line, key, rest.split())
 
+    def rotation(self, key: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        line, rest = self._lines.get(key, (0, ""))
+        return rigid_of(self._path, line, key, rest.split())
+
     def rigid(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
         turn, move = self.numbers("R", 9), self.numbers("T", 3)
         rows = [[*turn[3 * row : 3 * row + 3], move[row]] for row in range(3)]
         line = self._lines["R"][0]
-        return matrix_of(self._path, line, "R and T", [text for row in rows for text in row])
+        return rigid_of(self._path, line, "R and T", [text for row in rows for text in row])
 
 
 def _stamp_ns(path: Path, line: int, text: str) -> int:

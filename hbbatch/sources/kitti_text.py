@@ -44,6 +44,11 @@ CSV_LAYOUT: Final = Layout(
 )
 CSV_CLASSES: Final = {"1": "Pedestrian", "2": "Car", "3": "Cyclist"}
 OXTS_COLUMNS: Final = 30
+_LARGEST_PLACE: Final = (89.9, 360.0, 1e5)
+"""Latitude and longitude (degrees), altitude (m)."""
+
+_LARGEST_MEASURED: Final = 1e9
+"""Of anything else, in whatever unit."""
 OXTS_FORWARD: Final = 8
 
 
@@ -175,11 +180,17 @@ def parse_oxts(path: Path) -> FloatArray:
     north and east, and `OXTS_FORWARD` (m/s).
 
     Raises:
-        SourceError: a line has not KITTI's 30 columns, or a value that is no finite number.
+        SourceError: a line has not KITTI's 30 columns, a value that is no finite number, or one
+            that no receiver measures.
     """
     fields = [line.split() for line in read_text(path).splitlines() if line.strip()]
     for number, row in enumerate(fields):
         if len(row) != OXTS_COLUMNS:
             what = f"{len(row)} columns, expected {OXTS_COLUMNS} (lat lon alt roll pitch yaw …)"
             raise line_error(path, number, what)
-    return parse_numbers(path, np.arange(len(fields)), fields, OXTS_COLUMNS)
+    numbers = parse_numbers(path, np.arange(len(fields)), fields, OXTS_COLUMNS)
+    limits = np.full(OXTS_COLUMNS, _LARGEST_MEASURED)
+    limits[: len(_LARGEST_PLACE)] = _LARGEST_PLACE
+    for row, column in np.argwhere(np.abs(numbers) > limits)[:1]:
+        raise line_error(path, int(row), f"{fields[row][column]} in column {column + 1} is absurd")
+    return numbers

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from hbbatch.dataset import Dataset
-from hbbatch.errors import ExitStatus, UsageError
+from hbbatch.errors import ExitStatus, HbbatchError, UsageError
 from hbbatch.runner.info import describe_sources
 from hbbatch.runner.ingest import ingest
 from hbbatch.sources.base import SourceOptions
@@ -130,6 +131,19 @@ def test_a_defect_while_reading_costs_one_sequence(
     assert error.startswith(f"{sources[0]}: sequence bad: KeyError: 'surprise'. This is a defect")
     assert [o.status.value for o in report.outcomes] == ["failed", "ingested"]
     assert report.exit_status is ExitStatus.FAILED
+
+
+def _die(_: object) -> None:
+    os._exit(9)
+
+
+def test_a_worker_that_is_killed_is_said_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hbbatch.runner.ingest.bring_up_to_date", _die)
+    sources = [write_log(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    with pytest.raises(HbbatchError, match=r"^a worker process was killed.*fewer --workers\.$"):
+        ingest(sources, tmp_path / "out", workers=2)
 
 
 # --- names ---------------------------------------------------------------------------------------

@@ -215,6 +215,18 @@ BAD_PARTS = {
         {"calibration": calibration_text(R0_rect="1 0 0")},
         r"calib/0000\.txt:2: R0_rect should be 9 or 12 numbers",
     ),
+    "mirrored": (
+        {"calibration": calibration_text(R0_rect="1 0 0 0 1 0 0 0 -1")},
+        r"calib/0000\.txt:2: R0_rect is no rotation",
+    ),
+    "shifted far": (
+        {"calibration": calibration_text(Tr_imu_to_velo="1 0 0 1e300 0 1 0 0 0 0 1 0")},
+        r"calib/0000\.txt:4: Tr_imu_to_velo is no rotation, or shifts",
+    ),
+    "pole": (
+        {"oxts": f"{oxts_text(2)}90 {oxts_text(1).split(maxsplit=1)[1]}"},
+        r"oxts/0000\.txt:3: 90 in column 1 is absurd",
+    ),
     "short oxts": (
         {"oxts": oxts_text(2)},
         r"det_02/0000\.txt: goes up to frame 2, .*oxts/0000\.txt has 2 lines",
