@@ -21,7 +21,7 @@ from hbbatch.sources.blocks import BlockBuilder
 from hbbatch.sources.cdr_walk import CdrWalk
 from hbbatch.sources.detection_store import DetectionStore
 
-REST: Final = "catalogue, imports on first use and all else"
+REST: Final = "catalogue and all else"
 _PARTS: Final[dict[str, tuple[tuple[Any, str], ...]]] = {
     "hash of the file": ((mcap, "file_hash"),),
     "reading, checksum of the file, finding records": ((mcap, "runs"),),
