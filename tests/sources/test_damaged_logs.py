@@ -34,7 +34,6 @@ _FUZZED = (
     "mcap_lz4",
     "mcap_none",
     "mcap_unchunked",
-    "mcap_idl",
     "mcap_json",
     "mcap_ros1",
     "bag_none",
@@ -81,7 +80,7 @@ def write(folder: Path, container: str) -> Path:
 def whole_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("whole")
     paths = {}
-    for name in _FUZZED:
+    for name in (*_FUZZED, "mcap_idl"):
         (folder / name).mkdir()
         paths[name] = write(folder / name, name)
     return paths
@@ -103,16 +102,20 @@ _CHANGE = st.one_of(
 )
 
 
-@settings(
+_DAMAGE = {
+    "changes": st.lists(st.tuples(st.floats(0, 1), _CHANGE), min_size=1, max_size=8),
+    "kept": st.one_of(st.just(1.0), st.floats(0, 1)),
+    "which": st.integers(0, 20),
+}
+_SETTINGS = settings(
     max_examples=25,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-@given(
-    changes=st.lists(st.tuples(st.floats(0, 1), _CHANGE), min_size=1, max_size=8),
-    kept=st.one_of(st.just(1.0), st.floats(0, 1)),
-    which=st.integers(0, 20),
-)
+
+
+@_SETTINGS
+@given(**_DAMAGE)
 @example(changes=[(0.046875, b"\x80")], kept=1.0, which=0)
 @example(changes=[(0.046875, b"\x22")], kept=1.0, which=0)
 @example(changes=[(0.5994605070756228, b"\x01")], kept=1.0, which=0)
@@ -126,12 +129,31 @@ def test_changed_bytes(
     which: int,
 ) -> None:
     """No traceback, no hang, no memory beyond what the file may ask for."""
-    path = _copy(whole_logs[container], tmp_path / "in")
+    _read_spoilt(whole_logs[container], tmp_path, changes, kept, which)
+
+
+@settings(_SETTINGS, max_examples=5)
+@given(**_DAMAGE)
+def test_changed_bytes_with_definitions_in_idl(
+    tmp_path: Path,
+    whole_logs: dict[str, Path],
+    changes: list[tuple[float, bytes]],
+    kept: float,
+    which: int,
+) -> None:
+    """The same, with fewer examples: parsing IDL takes long."""
+    _read_spoilt(whole_logs["mcap_idl"], tmp_path, changes, kept, which)
+
+
+def _read_spoilt(
+    whole: Path, folder: Path, changes: list[tuple[float, bytes]], kept: float, which: int
+) -> None:
+    path = _copy(whole, folder / "in")
     files = [path] if path.is_file() else sorted(path.iterdir())
     _spoil(files[which % len(files)], changes, kept)
-    shutil.rmtree(tmp_path / "out", ignore_errors=True)
+    shutil.rmtree(folder / "out", ignore_errors=True)
     with bounded(cpu_seconds=20, mebibytes=100):
-        report = ingest([path], tmp_path / "out")
+        report = ingest([path], folder / "out")
         info = describe_sources([path], SourceOptions())
     said = [*report.errors, *map(str, info.errors)]
     assert not [text for text in said if "\n" in text or "defect" in text]
