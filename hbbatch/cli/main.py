@@ -19,6 +19,7 @@ from hbbatch.cli.eval import evaluate
 from hbbatch.cli.info import info
 from hbbatch.cli.ingest import ingest
 from hbbatch.cli.relabel import relabel
+from hbbatch.cli.simulate import simulate
 from hbbatch.cli.study import study
 from hbbatch.cli.track import track
 from hbbatch.cli.train import train
@@ -39,6 +40,7 @@ app.command("eval")(evaluate)
 app.command()(calibrate)
 app.command()(relabel)
 app.command()(demo)
+app.command()(simulate)
 app.command()(train)
 app.command()(bench)
 app.command()(study)

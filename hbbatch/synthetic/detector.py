@@ -1,7 +1,8 @@
 """A 3D detector with the faults of real ones: misses, noise, flipped headings, false boxes.
 
-What goes wrong with an object goes wrong for a while: every error is a first-order autoregressive
-process in time, one an object. Its marginal distribution does not depend on the correlation.
+What goes wrong with an object goes wrong for a while: every error is the sum of a part that is new
+in every frame and two first-order autoregressive processes in time, a fast and a slow one. Its
+marginal distribution does not depend on the correlation, nor the correlation on the frame rate.
 """
 
 from __future__ import annotations
@@ -26,10 +27,23 @@ from hbbatch.synthetic.settings import (
 
 IntArray = NDArray[np.int64]
 
-# Columns of the error processes of an object.
-_DX, _DY, _DZ, _DLENGTH, _DWIDTH, _DHEIGHT, _DYAW, _FLIP, _MISS, _SCORE = range(10)
-_ERRORS: Final = 10
-_RANGE_DOUBLING_YAW_M: Final = 50.0
+# Columns of the error processes of an object; misses, flips and the spread last.
+_ALONG, _ACROSS, _UP, _DLENGTH, _DWIDTH, _DHEIGHT, _DYAW, _SCORE, _FLIP, _MISS, _SPREAD = range(11)
+_ERRORS: Final = 11
+_LASTING_FROM: Final = _FLIP
+
+_NOISE_OF_CLASS: Final = {
+    CAR: (1.9, 1.0, 0.8, 1.0, 1.0),
+    PEDESTRIAN: (1.5, 1.5, 1.6, 8.0, 2.5),
+    CYCLIST: (1.5, 1.1, 1.0, 4.0, 1.3),
+    TRUCK: (2.5, 1.3, 1.2, 1.0, 1.2),
+}
+"""Noise along, across, up, of yaw and of sizes, in units of what the settings say of cars."""
+
+_FACE_SHIFT: Final = 0.25
+"""Share of an error of the length that moves the centre: the near face is measured best."""
+
+_HIDDEN_GROWTH: Final = 1.5
 _CLUTTER_SIZES_M: Final = {
     CAR: (3.9, 1.7, 1.5),
     PEDESTRIAN: (0.7, 0.6, 1.7),
@@ -58,19 +72,34 @@ class Detections:
 
 @dataclass
 class Detector:
-    """A detector at work; remembers its errors from frame to frame."""
+    """A detector at work; remembers its errors from frame to frame.
+
+    Attributes:
+        settings: how good it is.
+        sensor: what it works on.
+        class_codes: `(objects,)` of the true objects.
+        step_s: time between frames.
+        rng: source of chance.
+    """
 
     settings: DetectorSettings
     sensor: SensorSettings
     class_codes: IntArray
+    step_s: float
     rng: np.random.Generator
+    _drifting: FloatArray = field(init=False)
+    _lasting: FloatArray = field(init=False)
     _errors: FloatArray = field(init=False)
     _size_bias: FloatArray = field(init=False)
+    _class_noise: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        count = len(self.class_codes)
-        self._errors = self.rng.standard_normal((count, _ERRORS))
-        self._size_bias = self.rng.standard_normal((count, 3))
+        shape = len(self.class_codes), _ERRORS
+        self._drifting = self.rng.standard_normal(shape)
+        self._lasting = self.rng.standard_normal(shape)
+        self._size_bias = self.rng.standard_normal((shape[0], 3))
+        by_code = np.array([_NOISE_OF_CLASS[code] for code in range(len(_NOISE_OF_CLASS))])
+        self._class_noise = by_code[self.class_codes]
 
     def detect(self, seen: View, false_places: View, false_codes: IntArray) -> Detections:
         """The boxes of one frame.
@@ -91,10 +120,23 @@ class Detector:
         return Detections(*(np.concatenate(column) for column in columns))
 
     def _step(self) -> None:
-        keep = np.full(_ERRORS, self.settings.noise_correlation)
-        keep[[_MISS, _FLIP]] = self.settings.miss_correlation
-        fresh = self.rng.standard_normal(self._errors.shape)
-        self._errors = keep * self._errors + np.sqrt(1 - keep**2) * fresh
+        settings = self.settings
+        self._drifting = self._after_a_step(self._drifting, settings.drift_s)
+        self._lasting = self._after_a_step(self._lasting, settings.lasting_s)
+        drifting_share = 1.0 - settings.new_share - settings.lasting_share
+        self._errors = (
+            np.sqrt(settings.new_share) * self.rng.standard_normal(self._lasting.shape)
+            + np.sqrt(drifting_share) * self._drifting
+            + np.sqrt(settings.lasting_share) * self._lasting
+        )
+        self._errors[:, _LASTING_FROM:] = self._lasting[:, _LASTING_FROM:]
+
+    def _after_a_step(self, process: FloatArray, memory_s: float) -> FloatArray:
+        """A process of variance 1 a frame later."""
+        keep = np.exp(-self.step_s / memory_s)
+        fresh = self.rng.standard_normal(process.shape)
+        stepped: FloatArray = keep * process + np.sqrt(1 - keep**2) * fresh
+        return stepped
 
     def _recall(self, seen: View) -> FloatArray:
         """Chance that each object is found."""
@@ -107,27 +149,37 @@ class Detector:
         found = np.flatnonzero(ndtr(self._errors[:, _MISS]) < recall)
         boxes = self._noisy(seen)[found]
         # What is easy to find is scored high; the rest of the score is luck.
-        quality = 3.0 * recall + 0.9 * self._errors[:, _SCORE] - 1.0
+        luck = 0.8 * self._errors[:, _SCORE] - 0.4 * self._errors[:, _SPREAD]
+        quality = 3.0 * recall + luck - 1.0
         scores = 1 / (1 + np.exp(-quality[found]))
         return Detections(boxes, scores, self.class_codes[found], found)
 
     def _noisy(self, seen: View) -> FloatArray:
         settings, error = self.settings, self._errors
         boxes = seen.boxes.copy()
-        hidden = 1.0 + 1.5 * (1.0 - seen.visible)
-        sigma = settings.position_noise_m + settings.position_noise_per_m * seen.range_m
-        small = np.minimum(1.0, 0.5 + boxes[:, LENGTH] / 8.0)
-        sigma = sigma * hidden * small
-        boxes[:, :2] += error[:, _DX : _DY + 1] * sigma[:, None]
-        boxes[:, 2] += error[:, _DZ] * 0.5 * sigma
-        relative = 0.7071 * (error[:, _DLENGTH : _DHEIGHT + 1] + self._size_bias)
-        factor = np.exp(settings.size_noise * np.sqrt(hidden)[:, None] * relative)
-        boxes[:, LENGTH : HEIGHT + 1] *= factor
-        growth = 1.0 + seen.range_m / _RANGE_DOUBLING_YAW_M
-        boxes[:, YAW] += error[:, _DYAW] * settings.yaw_noise_rad * growth * np.sqrt(hidden)
+        along, across, up, turned, sized = (self._noise(seen) * self._class_noise).T
+        # Half of the variance of sizes is constant for an object.
+        relative = np.sqrt(0.5) * (error[:, _DLENGTH : _DHEIGHT + 1] + self._size_bias)
+        boxes[:, LENGTH : HEIGHT + 1] *= np.exp(settings.size_noise * sized[:, None] * relative)
+        longer = boxes[:, LENGTH] - seen.boxes[:, LENGTH]
+        cos, sin = np.cos(boxes[:, YAW]), np.sin(boxes[:, YAW])
+        away = np.sign(boxes[:, 0] * cos + boxes[:, 1] * sin)
+        forward = settings.position_noise_m * along * error[:, _ALONG] + _FACE_SHIFT * away * longer
+        left = settings.position_noise_m * across * error[:, _ACROSS]
+        boxes[:, 0] += cos * forward - sin * left
+        boxes[:, 1] += sin * forward + cos * left
+        boxes[:, 2] += settings.position_noise_m * up * error[:, _UP]
+        boxes[:, YAW] += settings.yaw_noise_rad * turned * error[:, _DYAW]
         boxes[ndtr(error[:, _FLIP]) < settings.flip_share, YAW] += np.pi
         boxes[:, YAW] = wrap_angle(boxes[:, YAW])
         return boxes
+
+    def _noise(self, seen: View) -> FloatArray:
+        """How much larger than at range 0 and in full view errors are, `(objects, 1)`."""
+        growth = 1.0 + (seen.range_m / self.settings.noise_doubling_m) ** 2
+        growth *= 1.0 + _HIDDEN_GROWTH * (1.0 - seen.visible)
+        growth *= np.exp(self.settings.spread * self._errors[:, _SPREAD])
+        return growth[:, None]
 
     def _duplicates(self, seen: View) -> Detections:
         """Second boxes on objects that are there."""

@@ -80,10 +80,10 @@ def _drive_through(
     pose_rng: np.random.Generator,
 ) -> Drive:
     class_codes = history.class_codes[1:]
-    detector = Detector(settings.detector, settings.sensor, class_codes, detector_rng)
+    step_s = 1 / settings.rate_hz
+    detector = Detector(settings.detector, settings.sensor, class_codes, step_s, detector_rng)
     places, place_codes = _clutter_places(city, settings, detector_rng)
     houses = city.house_blocks()
-    step_s = 1 / settings.rate_hz
     yaw_rate = np.gradient(np.unwrap(history.boxes[:, 0, YAW]), step_s)
     frames = []
     for index, boxes in enumerate(history.boxes):

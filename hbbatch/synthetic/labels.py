@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from hbbatch import schema
 from hbbatch.boxes import BOX_FIELDS
@@ -20,7 +22,7 @@ _BEYOND_RANGE_M: Final = 10.0
 _HIDDEN: Final = 3
 
 
-def labels_table(drive: Drive, frame_id: str) -> pa.Table:
+def labels_table(drive: Drive, frame_id: str, longest_hidden_s: float = math.inf) -> pa.Table:
     """All objects within reach of the sensor, a row an object and frame (`schema.LABELS`).
 
     The occlusion level follows the share that is visible: 0 from 80%, 1 from 40%, 2 from
@@ -31,8 +33,16 @@ def labels_table(drive: Drive, frame_id: str) -> pa.Table:
     Args:
         drive: the drive.
         frame_id: name of the sensor frame.
+        longest_hidden_s: objects that the sensor could not have seen for longer than twice this
+            are labelled so long before and after only, as by people who label what they see.
     """
-    rows = [_frame_rows(drive, index, frame) for index, frame in enumerate(drive.frames)]
+    kept = _near_in_time(
+        np.array([occlusion_levels(frame.seen) < _HIDDEN for frame in drive.frames]),
+        longest_hidden_s * drive.settings.rate_hz,
+    )
+    rows = [
+        _frame_rows(drive, index, frame, kept[index]) for index, frame in enumerate(drive.frames)
+    ]
     merged = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     names = pa.array(np.array(CLASS_NAMES, dtype=object)[merged.pop("class_code")], pa.string())
     columns = {name: pa.array(values) for name, values in merged.items()}
@@ -49,9 +59,19 @@ def occlusion_levels(seen: View) -> NDArray[np.int32]:
     return levels.astype(np.int32)
 
 
-def _frame_rows(drive: Drive, index: int, frame: DriveFrame) -> dict[str, NDArray[np.generic]]:
+def _near_in_time(seen: NDArray[np.bool_], frames: float) -> NDArray[np.bool_]:
+    """Which `(frames, objects)` lie at most so many frames before or after a seen one."""
+    if math.isinf(frames):
+        return np.ones_like(seen)
+    width = 2 * int(frames) + 1
+    return np.asarray(maximum_filter1d(seen.astype(np.uint8), width, axis=0, mode="constant") > 0)
+
+
+def _frame_rows(
+    drive: Drive, index: int, frame: DriveFrame, wanted: NDArray[np.bool_]
+) -> dict[str, NDArray[np.generic]]:
     reach = drive.settings.sensor.range_m + _BEYOND_RANGE_M
-    kept = np.flatnonzero(frame.seen.range_m <= reach)
+    kept = np.flatnonzero(wanted & (frame.seen.range_m <= reach))
     count = len(kept)
     boxes = frame.seen.boxes[kept]
     return {

@@ -85,12 +85,11 @@ def _place_drivers(
 ) -> Drivers:
     """Drivers on random routes, none on top of another; who finds no room stays away."""
     taken = list(standing)
+    reach_m = max(_FASTEST_M_S, 1.15 * city.settings.speed_limit_m_s) * duration_s
     routes, starts, kept = [], [], []
     for code in codes:
         for _ in range(5):
-            route = random_route(
-                city, _FASTEST_M_S * duration_s, _from_centre(city, code, rng), rng
-            )
+            route = random_route(city, reach_m, _from_centre(city, code, rng), rng)
             place = _free_place(route, taken, rng)
             if place is not None:
                 taken.append(route.points[int(place)])

@@ -67,15 +67,24 @@ class SensorSettings:
 class DetectorSettings:
     """How good the 3D detector is.
 
+    Errors of a box have three parts: one new in every frame, one that drifts within a second, one
+    that lasts for seconds; `new_share` and `lasting_share` of the variance are the first and last.
+    All of it grows with the square of the range and with what is hidden, and by the object's
+    spread, which itself comes and goes.
+
     Attributes:
         max_recall: share of objects found when they are near and in full view.
         points_for_half: lidar points on an object at which half of such objects are found.
-        miss_correlation: of an object's luck from one frame to the next, 0..1.
-        position_noise_m: standard deviation of the centre at range 0, each horizontal axis.
-        position_noise_per_m: growth of that with range.
-        noise_correlation: of all errors of a box from one frame to the next, 0..1.
-        size_noise: relative standard deviation of sizes, half of it constant for an object.
-        yaw_noise_rad: standard deviation of the heading at range 0; doubles every 50 m.
+        position_noise_m: standard deviation of a car's centre across its heading, at range 0.
+        noise_doubling_m: range at which noise has doubled.
+        new_share: share of the errors' variance that is new in every frame.
+        lasting_share: share of the errors' variance that lasts.
+        drift_s: time constant of what drifts.
+        lasting_s: time constant of what lasts: such errors, misses, flips, the spread.
+        spread: standard deviation of the logarithm of an object's noise about what is usual.
+        size_noise: relative standard deviation of a car's sizes at range 0, half of its variance
+            constant for an object.
+        yaw_noise_rad: standard deviation of a car's heading at range 0.
         flip_share: share of boxes that point backwards.
         duplicate_share: share of objects that get a second box.
         transient_per_frame: mean number of false boxes that come and go.
@@ -85,13 +94,16 @@ class DetectorSettings:
 
     max_recall: float = 0.97
     points_for_half: float = 14.0
-    miss_correlation: float = 0.6
-    position_noise_m: float = 0.06
-    position_noise_per_m: float = 0.0015
-    noise_correlation: float = 0.6
-    size_noise: float = 0.05
-    yaw_noise_rad: float = 0.035
-    flip_share: float = 0.015
+    position_noise_m: float = 0.035
+    noise_doubling_m: float = 38.0
+    new_share: float = 0.3
+    lasting_share: float = 0.35
+    drift_s: float = 0.6
+    lasting_s: float = 4.0
+    spread: float = 0.5
+    size_noise: float = 0.03
+    yaw_noise_rad: float = 0.016
+    flip_share: float = 0.03
     duplicate_share: float = 0.01
     transient_per_frame: float = 0.4
     clutter: int = 40

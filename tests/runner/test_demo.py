@@ -34,8 +34,8 @@ def test_tracks_are_close_to_the_truth(report: DemoReport) -> None:
     cars = report.evaluation.evaluation.classes["car"].combined
     assert report.evaluation.evaluation.protocol == "box_3d"
     assert cars.labelled_boxes > 200
-    assert cars.hota > 55
-    assert cars.mota > 75
+    assert cars.hota > 60
+    assert cars.mota > 65
 
 
 def test_again_gives_the_same_and_another_seed_another_drive(

@@ -23,9 +23,11 @@ def cars(range_m: float, count: int, visible: float = 1.0, points: float = 1e4) 
     return View(boxes, *(np.full(count, value) for value in (range_m, visible, points)))
 
 
-def run(view: View, settings: DetectorSettings, frames: int = FRAMES) -> list[Detections]:
+def run(
+    view: View, settings: DetectorSettings, frames: int = FRAMES, step_s: float = 0.1
+) -> list[Detections]:
     codes = np.full(len(view.boxes), CAR)
-    detector = Detector(settings, SensorSettings(), codes, np.random.default_rng(0))
+    detector = Detector(settings, SensorSettings(), codes, step_s, np.random.default_rng(0))
     return [detector.detect(view, NO_PLACES, NO_CODES) for _ in range(frames)]
 
 
@@ -35,10 +37,25 @@ def errors(view: View, settings: DetectorSettings = ONLY_TRUE) -> np.ndarray:
     return np.concatenate([d.boxes - view.boxes[d.object_id] for d in said])
 
 
-def test_noise_has_the_size_it_is_set_to_and_grows_with_range() -> None:
-    near, far = errors(cars(10.0, 40))[:, :2].std(), errors(cars(60.0, 40))[:, :2].std()
-    assert near == pytest.approx(0.06 + 0.0015 * 10, rel=0.08)
-    assert far == pytest.approx(0.06 + 0.0015 * 60, rel=0.08)
+def test_noise_has_the_size_it_is_set_to_and_doubles_with_range() -> None:
+    even = replace(ONLY_TRUE, spread=0.0)
+    near, far = errors(cars(1.0, 60), even), errors(cars(38.0, 60), even)
+    assert near[:, 1].std() == pytest.approx(0.035, rel=0.1)
+    assert far[:, 1].std() == pytest.approx(2 * 0.035, rel=0.1)
+    assert near[:, 0].std() > 1.5 * near[:, 1].std(), "lengths, and so centres, are hard to see"
+
+
+def test_noise_along_the_heading_turns_with_the_object() -> None:
+    across_the_view = cars(20.0, 60)
+    across_the_view.boxes[:, 6] = np.pi / 2
+    error = errors(across_the_view)
+    assert error[:, 1].std() > 1.5 * error[:, 0].std()
+
+
+def test_a_box_that_is_too_long_reaches_too_far_back() -> None:
+    only_size = replace(ONLY_TRUE, position_noise_m=0.0, size_noise=0.05)
+    error = errors(cars(20.0, 40), only_size)
+    assert error[:, 0] == pytest.approx(0.25 * error[:, 3])
 
 
 def test_hidden_objects_are_measured_worse() -> None:
@@ -46,12 +63,29 @@ def test_hidden_objects_are_measured_worse() -> None:
     assert hidden[:, :2].std() > 1.7 * seen[:, :2].std()
 
 
-def test_errors_last_for_a_while() -> None:
-    every_time = replace(ONLY_TRUE, max_recall=1.0)
-    said = run(cars(20.0, 60), every_time)
-    offset = np.array([d.boxes[:, 0] - 20.0 for d in said])
-    correlation = np.corrcoef(offset[:-1].ravel(), offset[1:].ravel())[0, 1]
-    assert correlation == pytest.approx(every_time.noise_correlation, abs=0.05)
+@pytest.mark.parametrize("step_s", [0.05, 0.1, 0.2])
+def test_errors_last_for_a_while_whatever_the_frame_rate(step_s: float) -> None:
+    settings = replace(ONLY_TRUE, max_recall=1.0, spread=0.0)
+    said = run(cars(20.0, 100), settings, step_s=step_s)
+    offset = np.array([d.boxes[:, 1] for d in said])
+
+    def correlation(lag: int) -> float:
+        return float(np.corrcoef(offset[:-lag].ravel(), offset[lag:].ravel())[0, 1])
+
+    for lag in (1, 4, 10):
+        drifting = 0.35 * np.exp(-lag * step_s / settings.drift_s)
+        lasting = 0.35 * np.exp(-lag * step_s / settings.lasting_s)
+        assert correlation(lag) == pytest.approx(drifting + lasting, abs=0.06)
+
+
+def test_misses_come_in_bursts() -> None:
+    often_missed = replace(ONLY_TRUE, max_recall=0.85)
+    found = np.zeros((FRAMES, 80), bool)
+    for frame, said in enumerate(run(cars(20.0, 80), often_missed)):
+        found[frame, said.object_id] = True
+    assert found.mean() == pytest.approx(0.85, abs=0.04)
+    missed_again = (~found[1:] & ~found[:-1]).sum() / (~found[:-1]).sum()
+    assert 0.7 < missed_again < 0.95
 
 
 def test_some_headings_point_backwards() -> None:
@@ -88,7 +122,7 @@ def test_scores_tell_easy_objects_from_hard_ones_and_from_false_boxes() -> None:
 def test_false_boxes_come_at_the_set_rate_and_clutter_stays_where_it_is() -> None:
     settings = DetectorSettings(transient_per_frame=2.0, clutter_share=0.25)
     places, codes = cars(25.0, 4), np.full(4, CAR)
-    detector = Detector(settings, SensorSettings(), NO_CODES, np.random.default_rng(1))
+    detector = Detector(settings, SensorSettings(), NO_CODES, 0.1, np.random.default_rng(1))
     said = [detector.detect(NO_PLACES, places, codes) for _ in range(FRAMES)]
     count = np.mean([len(d.scores) for d in said])
     assert count == pytest.approx(2.0 + 4 * 0.25, rel=0.1)
