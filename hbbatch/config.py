@@ -184,6 +184,10 @@ class TrainSettings(Settings):
     direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
+    thinned_probability: float = Field(
+        0.0, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
+    )
+    longest_stride: int = Field(5, ge=1, description="k at most, drawn evenly from 1 on")
     noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")
     max_tracklets: int | None = Field(None, ge=1, description="use only so many, evenly chosen")
     seed: int = 0

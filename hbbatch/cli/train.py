@@ -98,4 +98,12 @@ def _print(report: TrainReport) -> None:
     for kind, errors in report.errors.items():
         for error in errors:
             what = f"{error.frames_ahead:2d} ahead" if error.frames_ahead else "posterior"
-            typer.echo(f"  {kind:10s} age {error.age:2d}  {what:9s}  {error.plan_m:.3f}")
+            every = f"  every {error.stride}. frame" if error.stride > 1 else ""
+            typer.echo(f"  {kind:10s} age {error.age:2d}  {what:9s}  {error.plan_m:.3f}{every}")
+    typer.echo("calibration (mean square over variance; share within 50, 90, 99 %):")
+    for kind, lines in report.calibration.items():
+        for line in lines:
+            within = " ".join(f"{100 * share:3.0f}" for share in line.within)
+            typer.echo(
+                f"  {kind:10s} {line.checked:10s} {line.axis:6s}  {line.mean_square:5.2f}  {within}"
+            )

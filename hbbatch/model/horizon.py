@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from torch import Tensor
@@ -11,11 +12,35 @@ from hbbatch.model.filters import MotionFilter
 from hbbatch.model.losses import box_error
 from hbbatch.model.windows import Windows
 
-AGES = (3, 10, 18)
-"""Frames since birth at which a filter is judged."""
 
-HORIZONS = (1, 5, 10)
-"""Frames ahead that are predicted without seeing a detection."""
+@dataclass(frozen=True)
+class Asked:
+    """When a filter is judged.
+
+    Attributes:
+        stride: every how manieth frame it is given, as if the sensor were slower.
+        ages: kept frames since birth at which it is judged.
+        horizons: kept frames ahead that are predicted without seeing a detection.
+    """
+
+    stride: int
+    ages: tuple[int, ...]
+    horizons: tuple[int, ...]
+
+    @property
+    def frames(self) -> int:
+        """Kept frames that are needed."""
+        return max(self.ages) + max(self.horizons)
+
+    @property
+    def rows(self) -> int:
+        """Frames that an object must last, those not kept included."""
+        return (self.frames - 1) * self.stride + 1
+
+
+EVERY_FRAME: Final = Asked(1, (3, 10, 18), (1, 5, 10))
+SLOWER: Final = (Asked(2, (10,), (1, 5)), Asked(5, (10,), (1, 5)))
+"""At 10 Hz: 5 and 2 Hz."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +48,9 @@ class FilterError:
     """Mean errors in the heading frame of the truth.
 
     Attributes:
-        age: frames since the track's birth.
-        frames_ahead: 0 for the posterior.
+        stride: every how manieth frame the filter was given.
+        age: kept frames since the track's birth.
+        frames_ahead: kept frames ahead, 0 for the posterior.
         count: boxes judged.
         plan_m: distance of centres seen from above.
         along_m, across_m, up_m: absolute errors of the centre.
@@ -32,6 +58,7 @@ class FilterError:
         size_m: mean of the three absolute size errors.
     """
 
+    stride: int
     age: int
     frames_ahead: int
     count: int
@@ -44,47 +71,54 @@ class FilterError:
 
 
 @torch.inference_mode()
-def filter_errors(motion: MotionFilter, windows: Windows) -> list[FilterError]:
-    """Errors at every age of `AGES`: the posterior and each horizon of `HORIZONS`.
+def filter_errors(
+    motion: MotionFilter, windows: Windows, asked: Asked = EVERY_FRAME
+) -> list[FilterError]:
+    """Errors at every age asked for: each horizon and the posterior.
 
     Args:
         motion: the filter.
-        windows: at least `max(AGES) + max(HORIZONS)` frames long.
+        windows: at least `asked.frames` frames long, cut with its stride.
+        asked: when it is judged.
     """
     boxes = windows.measured[:, 0]
     rows = motion.birth(windows.measurement(0), windows.kind_code)
     errors = []
-    for frame in range(1, max(AGES) + 1):
-        if frame in AGES:
-            errors += _ahead(motion, windows, boxes, rows, frame)
+    for frame in range(1, max(asked.ages) + 1):
+        if frame in asked.ages:
+            errors += _ahead(motion, windows, boxes, rows, frame, asked)
         prior, predicted = motion.predict(boxes, rows, windows.dt_s[:, frame])
         corrected, updated = motion.update(prior, predicted, windows.measurement(frame))
         seen = windows.seen[:, frame, None]
         boxes = torch.where(seen, corrected, prior)
         rows = torch.where(seen, updated, predicted)
-        if frame in AGES:
-            errors.append(_error(boxes, windows, frame, windows.seen[:, frame], frame, 0))
+        if frame in asked.ages:
+            found = windows.seen[:, frame]
+            errors.append(_error(boxes, windows, frame, found, (asked.stride, frame, 0)))
     return errors
 
 
 def _ahead(
-    motion: MotionFilter, windows: Windows, boxes: Tensor, rows: Tensor, first: int
+    motion: MotionFilter, windows: Windows, boxes: Tensor, rows: Tensor, first: int, asked: Asked
 ) -> list[FilterError]:
     errors = []
-    for ahead in range(1, max(HORIZONS) + 1):
+    for ahead in range(1, max(asked.horizons) + 1):
         frame = first + ahead - 1
         boxes, rows = motion.predict(boxes, rows, windows.dt_s[:, frame])
-        if ahead in HORIZONS:
-            errors.append(_error(boxes, windows, frame, windows.valid[:, frame], first, ahead))
+        if ahead in asked.horizons:
+            there = windows.valid[:, frame]
+            errors.append(_error(boxes, windows, frame, there, (asked.stride, first, ahead)))
     return errors
 
 
 def _error(
-    boxes: Tensor, windows: Windows, frame: int, judged: Tensor, age: int, ahead: int
+    boxes: Tensor, windows: Windows, frame: int, judged: Tensor, when: tuple[int, int, int]
 ) -> FilterError:
     error = box_error(boxes, windows.truth[:, frame])[judged]
     mean = error.mean(dim=0).tolist()
+    stride, age, ahead = when
     return FilterError(
+        stride=stride,
         age=age,
         frames_ahead=ahead,
         count=len(error),

@@ -62,7 +62,8 @@ def train_hybrid(
     history = []
     for iteration in range(settings.iterations):
         chosen = data.draw(settings.batch, generator)
-        windows = augment(data.cut(chosen, settings.frames), settings, generator)
+        stride = strides(data.frames_left[chosen], settings, generator)
+        windows = augment(data.cut(chosen, settings.frames, stride), settings, generator)
         loss = total_loss(batch_losses(motion, windows), settings)
         optimiser.zero_grad()
         torch.autograd.backward(loss)
@@ -120,6 +121,25 @@ def batch_losses(motion: MotionFilter, windows: Windows) -> LossParts:
 
 def _capped(loss: Tensor, valid: Tensor) -> Tensor:
     return torch.where(valid, loss.clamp(max=_WORST_LOSS), 0.0).sum()
+
+
+def strides(frames_left: Tensor, settings: TrainSettings, generator: torch.Generator) -> Tensor:
+    """Every how manieth frame is kept of each window, so that slower sensors are learned as well.
+
+    No window is left with fewer than `min_frames` frames.
+
+    Args:
+        frames_left: `(b,)` frames that there are.
+        settings: how often and how far windows are thinned out.
+        generator: source of chance.
+    """
+    count = len(frames_left)
+    if not settings.thinned_probability:
+        return torch.ones_like(frames_left)
+    thinned = torch.rand(count, generator=generator) < settings.thinned_probability
+    longest = torch.clamp(frames_left // settings.min_frames, 1, settings.longest_stride)
+    drawn = 1 + (torch.rand(count, generator=generator) * longest).long()
+    return torch.where(thinned, drawn, 1)
 
 
 def augment(windows: Windows, settings: TrainSettings, generator: torch.Generator) -> Windows:

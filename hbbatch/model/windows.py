@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -62,18 +63,32 @@ class WindowSet:
     def __len__(self) -> int:
         return len(self.start)
 
+    @cached_property
+    def time_s(self) -> Tensor:
+        """Time of every row; only differences within an object mean anything."""
+        return self.columns["dt_s"].double().cumsum(0)
+
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Random windows; rare kinds are drawn more often than their share (square root)."""
         frequency = torch.bincount(self.kind_code).double()
         weights = frequency.clamp(min=1).rsqrt()[self.kind_code]
         return torch.multinomial(weights, count, replacement=True, generator=generator)
 
-    def cut(self, windows: Tensor, frames: int) -> Windows:
-        """The chosen windows, `frames` long; frames after an object's end are not valid."""
-        offset = torch.arange(frames)
+    def cut(self, windows: Tensor, frames: int, stride: Tensor | int = 1) -> Windows:
+        """The chosen windows, `frames` long; frames after an object's end are not valid.
+
+        Args:
+            windows: `(b,)` which.
+            frames: how many frames of each are kept.
+            stride: every how manieth frame is kept, `(b,)` or the same for all; the others are as
+                if the sensor had been slower.
+        """
+        steps = torch.as_tensor(stride).reshape(-1, 1)
+        offset = torch.arange(frames) * steps
         valid = offset < self.frames_left[windows, None]
         rows = self.start[windows, None] + torch.where(valid, offset, 0)
         column = self.columns
+        dt_s = torch.diff(self.time_s[rows], dim=1, prepend=self.time_s[rows[:, :1]])
         return Windows(
             column["truth"][rows],
             column["measured"][rows],
@@ -81,7 +96,7 @@ class WindowSet:
             valid,
             column["sight_m"][rows].float(),
             column["score"][rows].float(),
-            torch.where(valid, column["dt_s"][rows], _PADDED_DT_S).float(),
+            torch.where(valid, dt_s, _PADDED_DT_S).float(),
             self.kind_code[windows],
         )
 

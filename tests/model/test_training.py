@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from hbbatch.config import TrainSettings
-from hbbatch.model.horizon import AGES, HORIZONS, filter_errors
+from hbbatch.model.horizon import EVERY_FRAME, SLOWER, filter_errors
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.kinds import KINDS
 from hbbatch.model.likelihood import fit_noise
 from hbbatch.model.losses import box_error, direction_loss, temporal_loss
-from hbbatch.model.training import augment, batch_losses, total_loss, train_hybrid
+from hbbatch.model.training import augment, batch_losses, strides, total_loss, train_hybrid
 from tests.model.moving import simulated
 
 QUICK = TrainSettings(iterations=40, batch=32, frames=12, learning_rate=5e-3)
@@ -127,11 +127,48 @@ def test_noise_is_recovered_by_likelihood() -> None:
 
 
 def test_errors_are_reported_for_every_age_and_horizon() -> None:
-    windows = simulated().cut(torch.arange(200), max(AGES) + max(HORIZONS))
+    windows = simulated().cut(torch.arange(200), EVERY_FRAME.frames)
     errors = filter_errors(KalmanFilter(KINDS), windows)
     assert {(e.age, e.frames_ahead) for e in errors} == {
-        (a, h) for a in AGES for h in (0, *HORIZONS)
+        (a, h) for a in EVERY_FRAME.ages for h in (0, *EVERY_FRAME.horizons)
     }
     by_key = {(e.age, e.frames_ahead): e.plan_m for e in errors}
     assert by_key[18, 0] < by_key[18, 1] < by_key[18, 5] < by_key[18, 10]
     assert by_key[18, 5] < by_key[3, 5]
+
+
+def test_a_slower_sensor_has_more_to_predict() -> None:
+    data = simulated(frames=80, acceleration_m_s2=1.0)
+    slow = SLOWER[1]
+    chosen = torch.nonzero(data.frames_left >= slow.rows).flatten()
+    errors = filter_errors(KalmanFilter(KINDS), data.cut(chosen, slow.frames, slow.stride), slow)
+    ahead = {e.frames_ahead: e for e in errors}
+    assert {e.stride for e in errors} == {5}
+    usual = filter_errors(KalmanFilter(KINDS), data.cut(chosen, EVERY_FRAME.frames))
+    next_frame = next(e for e in usual if (e.age, e.frames_ahead) == (10, 1))
+    assert ahead[1].plan_m > 2 * next_frame.plan_m
+
+
+def test_thinned_windows_keep_every_kth_frame_and_its_time() -> None:
+    data = simulated(objects=3, frames=40)
+    stride = torch.tensor([1, 2, 5])
+    some = torch.tensor([0, 0, 0])
+    whole, thinned = data.cut(some, 31), data.cut(some, 7, stride)
+    for row, step in enumerate(stride.tolist()):
+        assert torch.equal(thinned.truth[row], whole.truth[row, : 7 * step : step][:7])
+        assert thinned.dt_s[row, 1:].tolist() == pytest.approx([0.1 * step] * 6)
+    assert data.cut(some, 20, 5).valid[0].sum() == -(-data.frames_left[0] // 5)
+
+
+def test_short_objects_are_thinned_less() -> None:
+    settings = TrainSettings(thinned_probability=1.0, longest_stride=5, min_frames=8)
+    drawn = strides(torch.tensor([10] * 50 + [17] * 50 + [200] * 50), settings, _generator())
+    assert drawn[:50].tolist() == [1] * 50
+    assert set(drawn[50:100].tolist()) == {1, 2}
+    assert set(drawn[100:].tolist()) == {1, 2, 3, 4, 5}
+    never = settings.model_copy(update={"thinned_probability": 0.0})
+    assert strides(torch.tensor([200] * 50), never, _generator()).tolist() == [1] * 50
+
+
+def _generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
