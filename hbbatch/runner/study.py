@@ -27,7 +27,7 @@ from hbbatch.config import (
     load_yaml,
     validate,
 )
-from hbbatch.dataset import Dataset, write_aside
+from hbbatch.dataset import Dataset
 from hbbatch.errors import ConfigError, DatasetError
 from hbbatch.evaluation.kitti import (
     KittiTracks,
@@ -37,10 +37,14 @@ from hbbatch.evaluation.kitti import (
     kitti_truth,
 )
 from hbbatch.evaluation.results import Scores
+from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.model.kinds import KIND_OF_CLASS
+from hbbatch.model.weights import build_loaded
+from hbbatch.model.weights_files import open_weights
 from hbbatch.projection import Camera
 from hbbatch.runner.confidence import Lesson, Uncut, learned, lessons, score_scales, uncut
+from hbbatch.runner.labelled import Judgement, judged, labelled_sequences
 from hbbatch.runner.train import train
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
@@ -57,6 +61,9 @@ class Variant(Settings):
     train: dict[str, Any] = Field({}, description="training settings that differ")
     track: dict[str, Any] = Field({}, description="tracking settings that differ")
     train_on: tuple[str, ...] | None = Field(None, description="datasets; default: all")
+    weights: str | None = Field(
+        None, description="shipped name or path: used in all folds instead of training"
+    )
 
 
 class StudySettings(Settings):
@@ -90,11 +97,13 @@ class StudyReport:
         rows: scores of the held-out sequences of all folds together.
         errors: filter errors on held-out sequences by variant, an entry a fold and seed, each by
             kind.
+        calibration: whether covariances are right there, by variant as above.
         parameters: of each variant's filter.
     """
 
     rows: list[StudyRow] = field(default_factory=list)
     errors: dict[str, list[dict[str, list[FilterError]]]] = field(default_factory=dict)
+    calibration: dict[str, list[dict[str, list[Calibration]]]] = field(default_factory=dict)
     parameters: dict[str, int] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -124,10 +133,30 @@ def load_study(path: Path) -> StudySettings:
         unknown = set(variant.train_on or ()) - set(study.datasets)
         if unknown:
             raise ConfigError(f"{path}: variant {variant.name!r} trains on unknown {unknown}.")
+        if variant.weights is not None and variant.train:
+            raise ConfigError(
+                f"{path}: variant {variant.name!r} has both weights and training settings. "
+                "Remove one of them."
+            )
         validate(TrainSettings, variant.train, f"{path}: variant {variant.name!r}, train")
         validate(TrackSettings, variant.track, f"{path}: variant {variant.name!r}, track")
     roots = {name: path.parent / root.expanduser() for name, root in study.datasets.items()}
-    return study.model_copy(update={"datasets": roots})
+    variants = tuple(_with_weights_found(variant, path.parent) for variant in study.variants)
+    return study.model_copy(update={"datasets": roots, "variants": variants})
+
+
+def _with_weights_found(variant: Variant, folder: Path) -> Variant:
+    """The variant with a relative path of weights made one that leads there from anywhere.
+
+    Raises:
+        WeightsError: the weights are neither shipped nor a file, or of another filter.
+    """
+    if variant.weights is None:
+        return variant
+    beside = folder / variant.weights
+    found = str(beside) if beside.is_file() else variant.weights
+    open_weights(variant.filter, found, None)
+    return variant.model_copy(update={"weights": found})
 
 
 def run_study(study: StudySettings, progress: Progress = lambda _: None) -> StudyReport:
@@ -164,7 +193,7 @@ class _Judge:
         held_out: dict[tuple[str, ProtocolName], KittiTracks] = {}
         for number, fold in enumerate(self.folds):
             self.progress(f"{variant.name}, seed {seed}, fold {number + 1}/{len(self.folds)}")
-            weights = self._trained(variant, seed, fold)
+            weights = self._weights(variant, seed, fold)
             for protocol in self.study.protocols:
                 for name, tracks in self._tracked(variant, weights, protocol, fold).items():
                     _add(held_out.setdefault((name, protocol), {}), tracks)
@@ -205,14 +234,25 @@ class _Judge:
             for name, material in self.materials.items()
         }
 
-    def _trained(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
+    def _weights(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
+        """Weights to track a fold with; what they are off by there is noted."""
+        roots = [self.study.datasets[name] for name in variant.train_on or self.study.datasets]
+        if variant.weights is not None:
+            file = open_weights(variant.filter, variant.weights, None)
+            motion = build_loaded(file)
+            _, held_out = labelled_sequences(roots).split(fold)
+            self._note(variant, judged(motion, held_out), file.header.about.get("parameters", 0))
+            return file.path
         weights = self.folder / "fold.safetensors"
         settings = TrainSettings.model_validate({**variant.train, "seed": seed})
-        roots = [self.study.datasets[name] for name in variant.train_on or self.study.datasets]
         trained = train(roots, weights, settings, kind=variant.filter, hold_out=fold)
-        self.report.errors.setdefault(variant.name, []).append(trained.errors)
-        self.report.parameters[variant.name] = trained.parameters
+        self._note(variant, Judgement(trained.errors, trained.calibration), trained.parameters)
         return weights
+
+    def _note(self, variant: Variant, judgement: Judgement, parameters: int) -> None:
+        self.report.errors.setdefault(variant.name, []).append(judgement.errors)
+        self.report.calibration.setdefault(variant.name, []).append(judgement.calibration)
+        self.report.parameters[variant.name] = parameters
 
 
 def _material(root: Path, classes: Sequence[str]) -> _Material:
@@ -308,66 +348,3 @@ def _likely(
 def _add(target: KittiTracks, tracks: KittiTracks) -> None:
     for name, by_sequence in tracks.items():
         target.setdefault(name, {}).update(by_sequence)
-
-
-def put_into_page(page: Path, study_name: str, tables: str) -> None:
-    """Write tables between a study's markers in a Markdown page; a new page gets both.
-
-    Raises:
-        ConfigError: the page exists and has no such markers.
-    """
-    first, last = f"<!-- study: {study_name} -->", f"<!-- end of study: {study_name} -->"
-    text = page.read_text() if page.exists() else f"{first}\n{last}\n"
-    if first not in text or last not in text:
-        raise ConfigError(f"{page}: holds no lines {first!r} and {last!r}. Add both to the page.")
-    before, _, rest = text.partition(first)
-    with write_aside(page) as aside:
-        aside.write_text(f"{before}{first}\n\n{tables}\n{last}{rest.partition(last)[2]}")
-
-
-def markdown(report: StudyReport) -> str:
-    """The report as Markdown tables: scores, then filter errors."""
-    return "\n".join([*_score_lines(report), "", *_error_lines(report), ""])
-
-
-def _score_lines(report: StudyReport) -> list[str]:
-    lines = [
-        "| detections | protocol | class | variant | seed "
-        "| HOTA | DetA | AssA | LocA | MOTA | IDSW |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    rows = sorted(report.rows, key=lambda r: (r.dataset, r.protocol, r.class_name))
-    for row in rows:
-        s = row.scores
-        lines.append(
-            f"| {row.dataset} | {row.protocol} | {row.class_name} | {row.variant} | {row.seed} "
-            f"| {s.hota:.2f} | {s.deta:.2f} | {s.assa:.2f} | {s.loca:.2f} | {s.mota:.2f} "
-            f"| {s.idsw} |"
-        )
-    return lines
-
-
-def _error_lines(report: StudyReport) -> list[str]:
-    """Plan-view errors by kind, age and frames ahead; folds weighted by their boxes."""
-    names = list(report.errors)
-    lines = [
-        f"| kind | age | frames ahead | {' | '.join(names)} |",
-        "|---|---|---|" + "---|" * len(names),
-    ]
-    pooled = {name: _pooled(report.errors[name]) for name in names}
-    for key in pooled[names[0]] if names else ():
-        kind, age, ahead = key
-        values = " | ".join(f"{pooled[name].get(key, float('nan')):.3f}" for name in names)
-        lines.append(f"| {kind} | {age} | {ahead or 'posterior'} | {values} |")
-    return lines
-
-
-def _pooled(folds: list[dict[str, list[FilterError]]]) -> dict[tuple[str, int, int], float]:
-    total: dict[tuple[str, int, int], list[float]] = {}
-    for errors in folds:
-        for kind, of_kind in errors.items():
-            for error in of_kind:
-                entry = total.setdefault((kind, error.age, error.frames_ahead), [0.0, 0.0])
-                entry[0] += error.plan_m * error.count
-                entry[1] += error.count
-    return {key: sum_m / max(count, 1.0) for key, (sum_m, count) in total.items()}

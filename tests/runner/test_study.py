@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from hbbatch.errors import ConfigError, DatasetError
-from hbbatch.runner.study import load_study, markdown, put_into_page, run_study
+from hbbatch.config import TrainSettings
+from hbbatch.errors import ConfigError, DatasetError, WeightsError
+from hbbatch.runner.study import load_study, run_study
+from hbbatch.runner.study_tables import markdown, put_into_page
+from hbbatch.runner.train import train
 from tests.tracking.real_drives import few_drives
 
 QUICK = "{noise_iterations: 2, iterations: 2, batch: 8, frames: 6}"
@@ -40,7 +43,24 @@ def test_a_study_judges_every_variant_on_every_labelled_sequence(
     assert all(row.scores.hota > 50 for row in report.rows)
     tables = markdown(report)
     assert "| virconv | gap_filled | car | learned | 0 |" in tables
-    assert "| vehicle | 3 | 5 |" in tables
+    assert "| vehicle | 1 | 3 | 5 |" in tables
+    assert "| vehicle | innovation | across |" in tables
+
+
+def test_weights_that_are_there_are_judged_without_training(
+    test_data: Path, tmp_path: Path
+) -> None:
+    root = few_drives(test_data, "0000", "0003").root
+    quick = TrainSettings(noise_iterations=2, iterations=2, batch=8, frames=6)
+    train([root], tmp_path / "own.safetensors", quick, kind="kalman")
+    variants = (
+        "  - {name: own, filter: kalman, weights: own.safetensors}\n"
+        "  - {name: shipped, filter: kalman, weights: kitti-kalman}"
+    )
+    report = run_study(load_study(study_file(tmp_path, root, variants)))
+    own, shipped = ({e.plan_m for e in report.errors[n][0]["vehicle"]} for n in ("own", "shipped"))
+    assert own != shipped
+    assert [row.variant for row in report.rows] == ["own", "shipped"]
 
 
 @pytest.mark.parametrize(
@@ -50,11 +70,26 @@ def test_a_study_judges_every_variant_on_every_labelled_sequence(
         ("  - {name: a, track: {output: {min_track_score: high}}}", "min_track_score"),
         ("  - {name: a, train_on: [casa]}", "casa"),
         ("  - {name: a, speed: 3}", "speed"),
+        ("  - {name: a, weights: kitti, train: {iterations: 3}}", "both weights and training"),
     ],
 )
 def test_a_study_is_validated_as_a_whole(tmp_path: Path, variants: str, fault: str) -> None:
     with pytest.raises(ConfigError, match=fault):
         load_study(study_file(tmp_path, tmp_path, variants))
+
+
+@pytest.mark.parametrize(
+    ("variant", "fault"),
+    [
+        ("{name: a, weights: nowhere}", "neither shipped nor a file"),
+        ("{name: a, weights: kitti-kalman}", "asked for hybrid"),
+    ],
+)
+def test_weights_that_cannot_be_used_are_found_before_anything_runs(
+    tmp_path: Path, variant: str, fault: str
+) -> None:
+    with pytest.raises(WeightsError, match=fault):
+        load_study(study_file(tmp_path, tmp_path, f"  - {variant}"))
 
 
 def test_too_many_folds_are_refused(test_data: Path, tmp_path: Path) -> None:
@@ -77,7 +112,7 @@ def test_tables_go_between_their_markers(tmp_path: Path) -> None:
         put_into_page(page, "b.yaml", "| new |")
 
 
-@pytest.mark.parametrize("name", ["filters", "ablations", "transfer"])
+@pytest.mark.parametrize("name", ["filters", "ablations", "transfer", "synthetic"])
 def test_the_studies_of_the_repository_are_valid(name: str) -> None:
     pipelines = Path(__file__).parents[2] / "pipelines"
     assert load_study(pipelines / "studies" / f"{name}.yaml").variants

@@ -1,0 +1,118 @@
+"""What a study measured, as Markdown tables, and where they go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from hbbatch.dataset import write_aside
+from hbbatch.errors import ConfigError
+from hbbatch.model.calibration import Calibration
+from hbbatch.model.horizon import FilterError
+from hbbatch.runner.study import StudyReport
+
+_Key = tuple[str, str | int, str | int, str | int]
+_Measured = tuple[_Key, int, tuple[float, ...]]
+"""What was measured, on how many boxes, and the values."""
+
+
+def put_into_page(page: Path, study_name: str, tables: str) -> None:
+    """Write tables between a study's markers in a Markdown page; a new page gets both.
+
+    Raises:
+        ConfigError: the page exists and has no such markers.
+    """
+    first, last = f"<!-- study: {study_name} -->", f"<!-- end of study: {study_name} -->"
+    text = page.read_text() if page.exists() else f"{first}\n{last}\n"
+    if first not in text or last not in text:
+        raise ConfigError(f"{page}: holds no lines {first!r} and {last!r}. Add both to the page.")
+    before, _, rest = text.partition(first)
+    with write_aside(page) as aside:
+        aside.write_text(f"{before}{first}\n\n{tables}\n{last}{rest.partition(last)[2]}")
+
+
+def markdown(report: StudyReport) -> str:
+    """The report as Markdown tables: scores, filter errors, calibration."""
+    tables = (_score_lines(report), _error_lines(report), _calibration_lines(report))
+    return "\n\n".join("\n".join(table) for table in tables) + "\n"
+
+
+def _score_lines(report: StudyReport) -> list[str]:
+    lines = [
+        "| detections | protocol | class | variant | seed "
+        "| HOTA | DetA | AssA | LocA | MOTA | IDSW |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    rows = sorted(report.rows, key=lambda r: (r.dataset, r.protocol, r.class_name))
+    for row in rows:
+        s = row.scores
+        lines.append(
+            f"| {row.dataset} | {row.protocol} | {row.class_name} | {row.variant} | {row.seed} "
+            f"| {s.hota:.2f} | {s.deta:.2f} | {s.assa:.2f} | {s.loca:.2f} | {s.mota:.2f} "
+            f"| {s.idsw} |"
+        )
+    return lines
+
+
+def _error_lines(report: StudyReport) -> list[str]:
+    """Plan-view errors, metres; folds weighted by their boxes."""
+    names = list(report.errors)
+    lines = [
+        f"| kind | every k-th frame | age | frames ahead | {' | '.join(names)} |",
+        "|---|---|---|---|" + "---|" * len(names),
+    ]
+    pooled = {name: _pooled(_errors(folds)) for name, folds in report.errors.items()}
+    for key in pooled[names[0]] if names else ():
+        kind, stride, age, ahead = key
+        values = " | ".join(
+            f"{pooled[name][key][0]:.3f}" if key in pooled[name] else "" for name in names
+        )
+        lines.append(f"| {kind} | {stride} | {age} | {ahead or 'posterior'} | {values} |")
+    return lines
+
+
+def _calibration_lines(report: StudyReport) -> list[str]:
+    """Mean square of errors over their variance, and shares within the 50, 90, 99 % intervals."""
+    names = list(report.calibration)
+    lines = [
+        f"| kind | error | axis | {' | '.join(names)} |",
+        "|---|---|---|" + "---|" * len(names),
+    ]
+    pooled = {name: _pooled(_calibrations(folds)) for name, folds in report.calibration.items()}
+    for key in pooled[names[0]] if names else ():
+        kind, checked, axis, _ = key
+        values = " | ".join(
+            _calibrated(pooled[name][key]) if key in pooled[name] else "" for name in names
+        )
+        lines.append(f"| {kind} | {checked} | {axis} | {values} |")
+    return lines
+
+
+def _calibrated(values: list[float]) -> str:
+    shares = " ".join(f"{100 * share:.0f}" for share in values[1:])
+    return f"{values[0]:.2f} ({shares})"
+
+
+def _errors(folds: Iterable[dict[str, list[FilterError]]]) -> Iterator[_Measured]:
+    for fold in folds:
+        for kind, of_kind in fold.items():
+            for e in of_kind:
+                if e.count:
+                    yield (kind, e.stride, e.age, e.frames_ahead), e.count, (e.plan_m,)
+
+
+def _calibrations(folds: Iterable[dict[str, list[Calibration]]]) -> Iterator[_Measured]:
+    for fold in folds:
+        for kind, of_kind in fold.items():
+            for c in of_kind:
+                if c.count:
+                    yield (kind, c.checked, c.axis, 0), c.count, (c.mean_square, *c.within)
+
+
+def _pooled(measured: Iterable[_Measured]) -> dict[_Key, list[float]]:
+    """Values of all folds together, each weighted by its boxes."""
+    total: dict[_Key, list[float]] = {}
+    for key, count, values in measured:
+        weighted = [count, *(value * count for value in values)]
+        total[key] = [a + b for a, b in zip(total.get(key, [0.0] * 5), weighted, strict=False)]
+    return {key: [value / sums[0] for value in sums[1:]] for key, sums in total.items()}
