@@ -182,6 +182,9 @@ class TrainSettings(Settings):
         0.0, ge=0, description="λ2 (paper: 1; it rewards standing still)"
     )
     direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
+    likelihood_weight: float = Field(
+        0.0, ge=0, description="of the truth's likelihood under the posterior covariance"
+    )
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
     thinned_probability: float = Field(

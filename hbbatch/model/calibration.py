@@ -32,8 +32,11 @@ _OUTLIER: Final = 25.0
 """Normalised squares are cut here (five standard deviations) for the mean, so that a few wrongly
 matched detections do not hide what the rest says."""
 
-_BURN_IN_FRAMES: Final = 3
+BURN_IN_FRAMES: Final = 3
 """Frames after birth that are not judged: velocities are still being found."""
+
+CovarianceFilter = KalmanFilter | HybridFilter
+"""Filters whose rows carry a covariance."""
 
 Checked = Literal["innovation", "posterior"]
 
@@ -66,7 +69,7 @@ class _Errors(NamedTuple):
 
 
 @torch.inference_mode()
-def calibration(motion: KalmanFilter | HybridFilter, windows: Windows) -> list[Calibration]:
+def calibration(motion: CovarianceFilter, windows: Windows) -> list[Calibration]:
     """Innovations and posterior errors held against the filter's own covariance, axis by axis.
 
     Args:
@@ -75,14 +78,14 @@ def calibration(motion: KalmanFilter | HybridFilter, windows: Windows) -> list[C
     """
     seen: dict[Checked, list[_Errors]] = {"innovation": [], "posterior": []}
     for step in unroll(motion, windows):
-        if step.frame > _BURN_IN_FRAMES:
+        if step.frame > BURN_IN_FRAMES:
             for checked, errors in _judged(motion, windows, step):
                 seen[checked].append(errors)
     return [line for checked, errors in seen.items() for line in _summary(checked, errors)]
 
 
 def _judged(
-    motion: KalmanFilter | HybridFilter, windows: Windows, step: Step
+    motion: CovarianceFilter, windows: Windows, step: Step
 ) -> Iterator[tuple[Checked, _Errors]]:
     prior, posterior = variances(motion, step.predicted), variances(motion, step.rows)
     seen = windows.seen[:, step.frame]
@@ -94,7 +97,7 @@ def _judged(
     yield "posterior", _Errors(error, posterior, seen)
 
 
-def variances(motion: KalmanFilter | HybridFilter, rows: Tensor) -> Tensor:
+def variances(motion: CovarianceFilter, rows: Tensor) -> Tensor:
     """Variance of along, across, up and yaw `(n, 4)` that a filter's rows carry."""
     base, own = motion, rows
     if isinstance(motion, HybridFilter):

@@ -9,15 +9,17 @@ import torch
 from torch import Tensor, nn
 
 from hbbatch.config import TrainSettings
-from hbbatch.model.filters import MotionFilter
+from hbbatch.model.calibration import BURN_IN_FRAMES, CovarianceFilter, variances
+from hbbatch.model.filters import innovation
 from hbbatch.model.hybrid import HybridFilter
+from hbbatch.model.likelihood import student_t
 from hbbatch.model.losses import (
     COORDINATE_WEIGHTS,
     direction_loss,
     state_loss,
     temporal_loss,
 )
-from hbbatch.model.unroll import unroll
+from hbbatch.model.unroll import Step, unroll
 from hbbatch.model.windows import Windows, WindowSet
 
 Progress = Callable[[int, float], None]
@@ -35,6 +37,7 @@ class LossParts(NamedTuple):
     posterior: Tensor
     temporal: Tensor
     direction: Tensor
+    likelihood: Tensor
 
 
 def train_hybrid(
@@ -91,18 +94,19 @@ def learned_parameters(
 
 
 def total_loss(parts: LossParts, settings: TrainSettings) -> Tensor:
-    """L = λ₁·L_states + λ₂·L_temporal + λ₃·L_direction."""
+    """L = λ₁·L_states + λ₂·L_temporal + λ₃·L_direction, and the likelihood's share."""
     return (
         settings.state_weight * (parts.prior + parts.posterior)
         + settings.temporal_weight * parts.temporal
         + settings.direction_weight * parts.direction
+        + settings.likelihood_weight * parts.likelihood
     )
 
 
-def batch_losses(motion: MotionFilter, windows: Windows) -> LossParts:
-    """The four losses of a batch, unrolled from birth."""
+def batch_losses(motion: CovarianceFilter, windows: Windows) -> LossParts:
+    """The losses of a batch, unrolled from birth."""
     weights = torch.tensor(COORDINATE_WEIGHTS)
-    prior = posterior = temporal = direction = torch.zeros(())
+    prior = posterior = temporal = direction = likelihood = torch.zeros(())
     before = windows.measured[:, 0, :3]
     previous_step = torch.zeros_like(before).float()
     for step in unroll(motion, windows):
@@ -111,12 +115,22 @@ def batch_losses(motion: MotionFilter, windows: Windows) -> LossParts:
         centre_step = (step.posterior[:, :3] - before).float()
         prior = prior + _capped(state_loss(step.prior, truth, weights), valid)
         posterior = posterior + _capped(state_loss(step.posterior, truth, weights), valid)
+        if step.frame > BURN_IN_FRAMES:
+            surprise = _surprise(motion, step, truth)
+            likelihood = likelihood + torch.where(valid, surprise, 0.0).sum()
         temporal = temporal + _capped(temporal_loss(centre_step), valid)
         if step.frame > 1:
             direction = direction + _capped(direction_loss(centre_step, previous_step), valid)
         before, previous_step = step.posterior[:, :3], centre_step
     count = windows.valid[:, 1:].sum().clamp(min=1)
-    return LossParts(prior / count, posterior / count, temporal / count, direction / count)
+    sums = LossParts(prior, posterior, temporal, direction, likelihood)
+    return LossParts(*(total / count for total in sums))
+
+
+def _surprise(motion: CovarianceFilter, step: Step, truth: Tensor) -> Tensor:
+    """Negative log likelihood `(b,)` of the truth under the covariance of a step's posterior."""
+    error = innovation(truth, step.posterior).motion
+    return student_t(error, variances(motion, step.rows))
 
 
 def _capped(loss: Tensor, valid: Tensor) -> Tensor:

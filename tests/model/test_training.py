@@ -137,6 +137,23 @@ def test_errors_are_reported_for_every_age_and_horizon() -> None:
     assert by_key[18, 5] < by_key[3, 5]
 
 
+def test_the_likelihood_teaches_how_far_off_boxes_are() -> None:
+    """Untrained, the filter thinks measurements far better than they are."""
+    data = simulated(noise_m=0.4)
+    windows = data.cut(torch.arange(100), 12)
+
+    def surprise(weight: float) -> float:
+        torch.manual_seed(0)
+        motion = HybridFilter(KINDS)
+        with torch.no_grad():
+            motion.base.log_r.fill_(-7.0)
+            motion.base.log_q.fill_(-7.0)
+        train_hybrid(motion, data, QUICK.model_copy(update={"likelihood_weight": weight}), quiet)
+        return batch_losses(motion, windows).likelihood.item()
+
+    assert surprise(0.1) < surprise(0.0) - 0.5
+
+
 def test_a_slower_sensor_has_more_to_predict() -> None:
     data = simulated(frames=80, acceleration_m_s2=1.0)
     slow = SLOWER[1]
