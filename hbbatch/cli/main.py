@@ -15,6 +15,7 @@ from hbbatch import __version__
 from hbbatch.cli.bench import bench
 from hbbatch.cli.calibrate import calibrate
 from hbbatch.cli.demo import demo
+from hbbatch.cli.detector_errors import detector_errors
 from hbbatch.cli.eval import evaluate
 from hbbatch.cli.info import info
 from hbbatch.cli.ingest import ingest
@@ -41,6 +42,7 @@ app.command()(calibrate)
 app.command()(relabel)
 app.command()(demo)
 app.command()(simulate)
+app.command()(detector_errors)
 app.command()(train)
 app.command()(bench)
 app.command()(study)

@@ -62,12 +62,8 @@ class LabelledSequences:
         held = [(d, [s for s in ids if s in hold_out]) for d, ids in self.parts]
         return LabelledSequences(rest), LabelledSequences(held)
 
-    def windows(self, measurements: Measurements, min_frames: int) -> WindowSet:
-        """Every stretch of an object that starts at a detection.
-
-        Args:
-            measurements: what filters are fed, detections matched to labels or labels.
-            min_frames: shortest stretch.
+    def trajectories(self) -> Trajectories:
+        """Labelled objects with their detections.
 
         Raises:
             DatasetError: there is none.
@@ -78,7 +74,19 @@ class LabelledSequences:
                 f"{self.roots}: no labelled objects to train on. "
                 "Ingest sequences with labels, or hold out fewer."
             )
-        whole = join(parts)
+        return join(parts)
+
+    def windows(self, measurements: Measurements, min_frames: int) -> WindowSet:
+        """Every stretch of an object that starts at a detection.
+
+        Args:
+            measurements: what filters are fed, detections matched to labels or labels.
+            min_frames: shortest stretch.
+
+        Raises:
+            DatasetError: there is none.
+        """
+        whole = self.trajectories()
         columns = {
             name: torch.from_numpy(getattr(whole, name))
             for name in ("truth", "measured", "seen", "sight_m", "score", "dt_s")
