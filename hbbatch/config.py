@@ -167,14 +167,19 @@ class TrainSettings(Settings):
     measurements: Literal["detections", "labels"] = Field(
         "detections", description="what the filter is fed: detections matched to labels, or labels"
     )
-    motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
+    motion_model: Literal["cv", "ca", "ct"] = Field("ct", description="of the classical base")
     learn: Literal["both", "prediction", "update"] = Field(
         "both", description="which part is learned; the other stays that of the classical base"
+    )
+    learned_kinds: tuple[Literal["vehicle", "pedestrian", "cyclist"], ...] = Field(
+        ("vehicle",),
+        description="kinds whose motion is learned; others keep the classical base. Of few "
+        "labelled ones a network remembers them and predicts others worse (docs/accuracy.md)",
     )
     frames: int = Field(20, ge=3, description="length of a tracklet")
     min_frames: int = Field(8, ge=2, description="shortest stretch of an object that is used")
     batch: int = Field(192, ge=1, description="tracklets an iteration (paper: 128)")
-    iterations: int = Field(800, ge=1, description="paper: 1,500")
+    iterations: int = Field(1000, ge=1, description="paper: 1,500")
     learning_rate: float = Field(2e-3, gt=0, description="peak of one cycle (paper: constant 1e-3)")
     weight_decay: float = Field(1e-4, ge=0, description="paper: 1e-5")
     state_weight: float = Field(1.0, ge=0, description="λ1")

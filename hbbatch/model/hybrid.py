@@ -8,6 +8,8 @@ x = x̂ + K·innovation, where K follows from covariances whose noises the recur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
@@ -31,6 +33,7 @@ from hbbatch.motion.constants import (
     RATE_UNIT,
     SMALLEST_SIZE_M,
 )
+from hbbatch.motion.parameters import HybridOptions
 from hbbatch.motion.turns import turn
 
 
@@ -40,6 +43,7 @@ class HybridFilter(nn.Module):
     innovation_unit: Tensor
     rate_unit: Tensor
     kind_rows: Tensor
+    learned: Tensor
 
     def __init__(
         self,
@@ -49,6 +53,7 @@ class HybridFilter(nn.Module):
         memory: int = 64,
         hidden: int = 64,
         head: int = 32,
+        learned: Sequence[bool] = (),
     ) -> None:
         """Make an untrained filter.
 
@@ -59,6 +64,8 @@ class HybridFilter(nn.Module):
             memory: units of the recurrent state.
             hidden: units of the encoder.
             head: units of each head.
+            learned: for each kind whether its motion is learned; the others keep the classical
+                base. By default all are.
         """
         super().__init__()
         self.class_names = class_names
@@ -84,6 +91,8 @@ class HybridFilter(nn.Module):
         self.register_buffer("innovation_unit", torch.tensor(INNOVATION_UNIT), persistent=False)
         self.register_buffer("rate_unit", torch.tensor(RATE_UNIT), persistent=False)
         self.register_buffer("kind_rows", torch.eye(kinds), persistent=False)
+        chosen = HybridOptions(learned=learned).learned_kinds(kinds)
+        self.register_buffer("learned", torch.tensor(chosen)[:, None], persistent=False)
 
     def birth(self, measurement: Measurement, class_code: Tensor) -> Tensor:
         """Rows `(n, width)` of tracks born from detections; the memory starts empty."""
@@ -97,10 +106,11 @@ class HybridFilter(nn.Module):
         heading = boxes[:, 6:7].float()
         cos, sin = torch.cos(heading), torch.sin(heading)
         rates = self.residual(self._predict_features(boxes, rows, base, dt_s, cos, sin))
-        noise = (self.base.log_q[base[:, -1].long()] + rows[:, column["process"]]).exp()
+        code = base[:, -1].long()
+        noise = (self.base.log_q[code] + rows[:, column["process"]]).exp()
         prior, base = self.base.predict_with(boxes, base, dt_s, noise)
         dt = dt_s[:, None]
-        step = rates * dt
+        step = rates * self.learned[code] * dt
         prior = moved(prior, step[:, [0, 1, 2, 6]], step[:, 3:6], cos, sin)
         newest = ((prior - boxes) / dt).float()
         past = rows[:, column["history"]][:, : 7 * (self.history - 1)]
@@ -138,9 +148,11 @@ class HybridFilter(nn.Module):
         new = innovation(prior, seen.boxes)
         features = self._update_features(prior, rows, base, new, seen)
         trust = self.gain(features, rows[:, column["memory"]])
-        variance, size_variance = self.base.measurement_variance(seen, base[:, -1].long())
+        code = base[:, -1].long()
+        learned = self.learned[code]
+        variance, size_variance = self.base.measurement_variance(seen, code)
         posterior, base = self.base.update_with(
-            prior, base, new, variance * trust.measured.exp(), size_variance
+            prior, base, new, variance * (learned * trust.measured).exp(), size_variance
         )
         correction = (posterior - prior).float()
         turned = wrap_half_turn(correction[:, 6:7])
@@ -153,7 +165,7 @@ class HybridFilter(nn.Module):
         age = rows[:, column["age_s"]]
         return posterior, torch.cat(
             [
-                *(base, trust.memory, newest, past[:, 7:], local, trust.process),
+                *(base, trust.memory, newest, past[:, 7:], local, learned * trust.process),
                 *(torch.zeros_like(age), age, dt),
             ],
             dim=1,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +45,18 @@ class HybridOptions:
     memory: int = 64
     hidden: int = 64
     head: int = 32
+    learned: Sequence[bool] = ()
+
+    def learned_kinds(self, kinds: int) -> list[float]:
+        """One for each kind whose motion is learned, else zero: the classical base alone.
+
+        Raises:
+            TypeError: there is not one entry a kind.
+        """
+        chosen = [float(learned) for learned in self.learned] or [1.0] * kinds
+        if len(chosen) != kinds:
+            raise TypeError(f"learned has {len(chosen)} entries for {kinds} kinds")
+        return chosen
 
     def shapes(self, kinds: int) -> Shapes:
         """Shape of each parameter."""

@@ -27,6 +27,8 @@ def packed_filter(
     """
     try:
         chosen = KalmanOptions(**options) if name == "kalman" else HybridOptions(**options)
+        if isinstance(chosen, HybridOptions):
+            chosen.learned_kinds(len(kinds))
     except TypeError as error:
         raise WeightsError(f"unknown filter options ({error})") from error
     wrong = misfit(parameters, chosen.shapes(len(kinds)))

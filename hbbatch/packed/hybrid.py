@@ -54,6 +54,7 @@ class PackedHybrid:
                 "history": 7 * options.history,
                 **base,
                 "q": AXES,
+                "learned": 1,
                 "counters": 2,
                 "inverse_dt": 1,
             }
@@ -65,6 +66,7 @@ class PackedHybrid:
         newborn[self._rows["one"]] = 1.0
         newborn[self._rows["kind"]] = np.eye(kinds)
         newborn[self._rows["q"]] = np.exp(by_kind(parameters["base.log_q"]))
+        newborn[self._rows["learned"]] = options.learned_kinds(kinds)
         self._residual = PackedResidual(part(parameters, "residual"), before)
         self._gain = PackedGain(part(parameters, "gain"), after)
         self._before, self._after = before, after
@@ -90,6 +92,7 @@ class PackedHybrid:
         heading = Heading.of(boxes[YAW_ROW])
         state[rows["tenths"]] = times[TIMES.tenths]
         rate = self._residual(self._predict_features(state, heading))
+        rate *= state[rows["learned"]]
         keep_sizes(boxes, rate, times[TIMES.inverse])
         heading.turn(rate[PLAN])
         rate[MOTION] += self._base.advance(state, times)
@@ -120,7 +123,7 @@ class PackedHybrid:
         heading = Heading.of(boxes[YAW_ROW])
         apart, agreement = difference(measured, boxes)
         features, innovation = self._update_features(state, apart, seen, heading)
-        memory, factors = self._gain(features)
+        memory, factors = self._gain(features, state[rows["learned"]])
         state[rows["memory"]] = memory
         np.multiply(state[rows["q"]], factors[:AXES], out=state[rows["noise"]])
         variance = seen[BOX_VARIANCE].copy()

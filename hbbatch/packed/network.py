@@ -54,11 +54,12 @@ class PackedGain:
         self._kept = np.hstack([kept, kept_bias[:, None]])[rest].copy()
         self._read_out = _affine(parameters, "read_out") / np.float32(LARGEST_SAID)
 
-    def __call__(self, features: Single) -> tuple[Single, Single]:
+    def __call__(self, features: Single, learned: Single) -> tuple[Single, Single]:
         """New memory, and factors `(8, n)` of process and measurement noise.
 
         Args:
             features: the memory is replaced in place.
+            learned: `(1, n)` zero where factors are to be one.
         """
         memory, with_one = features[: self._memory], features[: self._memory + 1]
         gates = np.matmul(self._gates, features)
@@ -76,7 +77,7 @@ class PackedGain:
         memory += candidate
         factors = np.matmul(self._read_out, with_one)
         np.tanh(factors, out=factors)
-        factors *= LARGEST_SAID
+        factors *= LARGEST_SAID * learned
         np.exp(factors, out=factors)
         return memory, factors
 

@@ -15,7 +15,7 @@ from hbbatch import __version__
 from hbbatch.config import TrainSettings
 from hbbatch.dataset import write_aside
 from hbbatch.dataset.store import write_json
-from hbbatch.errors import UsageError
+from hbbatch.errors import DatasetError, UsageError
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.model.hybrid import HybridFilter
@@ -137,19 +137,34 @@ def _train(
     )
     if kind == "kalman":
         return base, losses
-    motion = HybridFilter(KINDS, settings.motion_model)
+    learned = _learned(settings)
+    motion = HybridFilter(KINDS, settings.motion_model, learned=learned)
     motion.base.load_state_dict(base.state_dict())
+    of_learned = data.select(torch.nonzero(torch.tensor(learned)[data.kind_code]).flatten())
+    if not len(of_learned):
+        raise DatasetError(
+            f"no labelled {' or '.join(settings.learned_kinds) or 'kind'} to learn from. Name "
+            "other learned_kinds in the training settings, or train with --filter kalman."
+        )
     losses = train_hybrid(
-        motion, data, settings, lambda i, loss: progress("train", i, settings.iterations, loss)
+        motion,
+        of_learned,
+        settings,
+        lambda i, loss: progress("train", i, settings.iterations, loss),
     )
     return motion.eval(), losses
+
+
+def _learned(settings: TrainSettings) -> tuple[bool, ...]:
+    """For each kind whether its motion is learned."""
+    return tuple(kind in settings.learned_kinds for kind in KINDS)
 
 
 def _header(
     kind: str, settings: TrainSettings, licence: str, report: TrainReport, data_hash: str
 ) -> WeightsHeader:
     options = (
-        {"motion_model": settings.motion_model}
+        {"motion_model": settings.motion_model, "learned": _learned(settings)}
         if kind == "hybrid"
         else {"model": settings.motion_model}
     )

@@ -62,10 +62,34 @@ def test_so_it_does_where_no_box_may_get_smaller(make: type[nn.Module]) -> None:
 
 
 @torch.inference_mode()
+def test_kinds_that_are_not_learned_move_like_the_classical_base() -> None:
+    rng = np.random.default_rng(1)
+    motion = shaken(HybridFilter(KINDS, "ct", learned=(True, False, True)))
+    assert isinstance(motion, HybridFilter)
+    seen, pedestrians = detections(rng), torch.ones(TRACKS, dtype=torch.long)
+    boxes, rows = seen.boxes, motion.birth(seen, pedestrians)
+    plain_boxes, plain_rows = boxes, motion.base.birth(seen, pedestrians)
+    dt = torch.full((TRACKS,), 0.1)
+    for _ in range(4):
+        boxes, rows = motion.predict(boxes, rows, dt)
+        plain_boxes, plain_rows = motion.base.predict(plain_boxes, plain_rows, dt)
+        seen = detections(rng, plain_boxes.numpy())
+        boxes, rows = motion.update(boxes, rows, seen)
+        plain_boxes, plain_rows = motion.base.update(plain_boxes, plain_rows, seen)
+    torch.testing.assert_close(boxes, plain_boxes, rtol=0, atol=1e-6)
+
+
+def test_a_list_of_learned_kinds_of_another_length_is_refused() -> None:
+    with pytest.raises(TypeError, match="learned has 1 entries for 3 kinds"):
+        HybridFilter(KINDS, "ct", learned=(True,))
+
+
+@torch.inference_mode()
 def step_both(make: type[nn.Module], model: MotionModel, smallest_m: float) -> float:
     """Step a module and its twin side by side; the smallest size any box had."""
     rng = np.random.default_rng(0)
-    motion = shaken(make(KINDS, model))
+    learned = {"learned": (True, False, True)} if make is HybridFilter else {}
+    motion = shaken(make(KINDS, model, **learned))
     twin = packed(motion)  # type: ignore[arg-type]
     kinds = rng.integers(0, 3, TRACKS)
     seen = detections(rng, smallest_m=smallest_m)

@@ -12,5 +12,6 @@ def packed(motion: KalmanFilter | HybridFilter) -> PackedFilter:
     parameters = {name: value.numpy() for name, value in motion.state_dict().items()}
     if isinstance(motion, KalmanFilter):
         return packed_filter("kalman", motion.class_names, {"model": motion.model}, parameters)
-    options = {"motion_model": motion.base.model}
+    learned = [bool(flag) for flag in motion.learned.flatten()]
+    options = {"motion_model": motion.base.model, "learned": learned}
     return packed_filter("hybrid", motion.class_names, options, parameters)
