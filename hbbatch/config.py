@@ -141,6 +141,11 @@ class OutputSettings(Settings):
         0, ge=0, description="online: boxes said after so many misses in a row at most"
     )
 
+    @property
+    def judges(self) -> bool:
+        """Whether anything is known by which weak boxes are left out."""
+        return bool(self.score_scale) or self.min_track_score is not None
+
 
 class TrackSettings(Settings):
     """Everything that decides the tracks of a run, but not how fast they come."""
@@ -193,7 +198,7 @@ class TrainSettings(Settings):
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
     thinned_probability: float = Field(
-        0.0, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
+        0.5, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
     )
     longest_stride: int = Field(5, ge=1, description="k at most, drawn evenly from 1 on")
     noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")

@@ -17,7 +17,9 @@ from hbbatch.model.losses import box_error, direction_loss, temporal_loss
 from hbbatch.model.training import augment, batch_losses, strides, total_loss, train_hybrid
 from tests.model.moving import simulated
 
-QUICK = TrainSettings(iterations=40, batch=32, frames=12, learning_rate=5e-3)
+QUICK = TrainSettings(
+    iterations=40, batch=32, frames=12, learning_rate=5e-3, thinned_probability=0.0
+)
 
 
 def quiet(_iteration: int, _loss: float) -> None:
