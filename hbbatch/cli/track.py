@@ -73,6 +73,11 @@ def track(
         print_json(report.to_json())
     else:
         print_report(report)
+        if report.tracked and not request.settings.output.judges:
+            typer.echo(
+                "Weak boxes are written as well: the scale of this detector's scores is unknown. "
+                "`hbbatch calibrate` finds it."
+            )
     print_failures(report)
     raise typer.Exit(report.exit_status)
 

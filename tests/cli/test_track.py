@@ -38,6 +38,14 @@ def test_the_summary_goes_to_stdout_and_nothing_to_stderr(tmp_path: Path) -> Non
         assert part in result.stdout
 
 
+def test_without_a_score_scale_weak_boxes_are_written_and_that_is_said(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a")
+    assert "`hbbatch calibrate`" in hbbatch_track(tmp_path).stdout
+    config = tmp_path / "detector.yaml"
+    config.write_text("output: {score_scale: {car: {typical: 0.5, strong: 0.9}}}")
+    assert "calibrate" not in hbbatch_track(tmp_path, "--config", str(config)).stdout
+
+
 def test_nothing_to_do_is_said(tmp_path: Path) -> None:
     make_dataset(tmp_path, "a")
     hbbatch_track(tmp_path)
