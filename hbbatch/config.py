@@ -193,7 +193,7 @@ class TrainSettings(Settings):
     )
     direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
     likelihood_weight: float = Field(
-        0.0, ge=0, description="of the truth's likelihood under the posterior covariance"
+        0.03, ge=0, description="of the truth's likelihood under the posterior covariance"
     )
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")

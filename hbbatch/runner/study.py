@@ -61,6 +61,9 @@ class Variant(Settings):
     train: dict[str, Any] = Field({}, description="training settings that differ")
     track: dict[str, Any] = Field({}, description="tracking settings that differ")
     train_on: tuple[str, ...] | None = Field(None, description="datasets; default: all")
+    also: tuple[Path, ...] = Field(
+        (), description="datasets trained on as well, whole, that are not judged"
+    )
     weights: str | None = Field(
         None, description="shipped name or path: used in all folds instead of training"
     )
@@ -141,16 +144,18 @@ def load_study(path: Path) -> StudySettings:
         validate(TrainSettings, variant.train, f"{path}: variant {variant.name!r}, train")
         validate(TrackSettings, variant.track, f"{path}: variant {variant.name!r}, track")
     roots = {name: path.parent / root.expanduser() for name, root in study.datasets.items()}
-    variants = tuple(_with_weights_found(variant, path.parent) for variant in study.variants)
+    variants = tuple(_with_paths_found(variant, path.parent) for variant in study.variants)
     return study.model_copy(update={"datasets": roots, "variants": variants})
 
 
-def _with_weights_found(variant: Variant, folder: Path) -> Variant:
-    """The variant with a relative path of weights made one that leads there from anywhere.
+def _with_paths_found(variant: Variant, folder: Path) -> Variant:
+    """The variant with relative paths made ones that lead there from anywhere.
 
     Raises:
         WeightsError: the weights are neither shipped nor a file, or of another filter.
     """
+    also = tuple(folder / root.expanduser() for root in variant.also)
+    variant = variant.model_copy(update={"also": also})
     if variant.weights is None:
         return variant
     beside = folder / variant.weights
@@ -236,7 +241,8 @@ class _Judge:
 
     def _weights(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
         """Weights to track a fold with; what they are off by there is noted."""
-        roots = [self.study.datasets[name] for name in variant.train_on or self.study.datasets]
+        names = variant.train_on or self.study.datasets
+        roots = [*(self.study.datasets[name] for name in names), *variant.also]
         if variant.weights is not None:
             file = open_weights(variant.filter, variant.weights, None)
             motion = build_loaded(file)
