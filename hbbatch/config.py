@@ -125,8 +125,9 @@ class OutputSettings(Settings):
     score_scale: dict[str, ScoreScale] = Field(
         {}, description="scale of the detector's scores, by class; without, nothing is judged"
     )
-    confidence: dict[str, ConfidenceWeights] | None = Field(
-        None, description="what makes a box likely right, by kind; a kind not named: as shipped"
+    confidence: dict[ProtocolName, dict[str, ConfidenceWeights]] = Field(
+        {},
+        description="what makes a box likely right, by protocol and kind; those not named: as shipped",
     )
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="boxes judged less likely to be right are not written"

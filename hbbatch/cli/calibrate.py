@@ -12,6 +12,9 @@ from hbbatch.cli.options import DEFAULT_DATASET
 
 def calibrate(
     out: Annotated[Path, typer.Argument(help="Settings file to write (YAML).")],
+    sequence_id: Annotated[
+        list[str] | None, typer.Argument(help="Sequences to look at; all by default.")
+    ] = None,
     dataset: Annotated[
         list[Path] | None,
         typer.Option(
@@ -37,7 +40,8 @@ def calibrate(
     from hbbatch.runner.track import resolve_settings
 
     settings = resolve_settings(config, {})
-    report = find(dataset or [DEFAULT_DATASET], out, settings, from_labels=from_labels)
+    roots, sequences = dataset or [DEFAULT_DATASET], tuple(sequence_id or ())
+    report = find(roots, out, settings, sequences, from_labels=from_labels)
     for name, scale in report.scales.items():
         kind = "probabilities" if scale.probability else "scores"
         typer.echo(
@@ -46,6 +50,6 @@ def calibrate(
         )
     for name in report.too_few:
         typer.echo(f"{name}: too few lasting tracks to tell; left uncut", err=True)
-    for kind in report.weights or ():
+    for kind in sorted({kind for kinds in report.weights.values() for kind in kinds}):
         typer.echo(f"{kind}: learned from labels what makes a box right")
     typer.echo(f"written to {report.out}. Next: hbbatch track --config {report.out}")

@@ -34,6 +34,19 @@ class FilterChoice(StrEnum):
     KALMAN = "kalman"
 
 
+class ProtocolChoice(StrEnum):
+    """Which boxes of a track are written; the values of `config.ProtocolName`."""
+
+    GAP_FILLED = "gap_filled"
+    ONLINE = "online"
+
+
+ProtocolOption = Annotated[
+    ProtocolChoice | None,
+    typer.Option(help="gap_filled (default): gaps interpolated; online: causal."),
+]
+
+
 class MotionChoice(StrEnum):
     """Motion models; the values of `config.TrainSettings.motion_model`."""
 

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, DatasetOption, Device, FilterChoice, JsonOption
+from hbbatch.cli.options import (
+    DEFAULT_DATASET,
+    DatasetOption,
+    Device,
+    FilterChoice,
+    JsonOption,
+    ProtocolOption,
+)
 
 if TYPE_CHECKING:
     from hbbatch.runner.track import TrackReport
@@ -38,6 +45,7 @@ def track(
         typer.Option("--class", help="Class to track; all the weights know. Repeatable."),
     ] = None,
     min_score: Annotated[float | None, typer.Option(help="Ignore detections scored lower.")] = None,
+    protocol: ProtocolOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings; options above win over it.")
     ] = None,
@@ -53,6 +61,7 @@ def track(
         "weights": weights,
         "classes": class_name or None,
         "min_score": min_score,
+        "output": protocol and {"protocol": protocol.value},
     }
     request = TrackRequest(
         dataset=dataset,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 import yaml
 
-from hbbatch.config import ConfidenceWeights, ScoreScale, TrackSettings
+from hbbatch.config import ConfidenceWeights, ProtocolName, ScoreScale, Settings, TrackSettings
 from hbbatch.dataset import Dataset, write_aside
 from hbbatch.errors import DatasetError, UsageError
 from hbbatch.projection import Camera
@@ -23,6 +23,7 @@ from hbbatch.runner.confidence import (
     uncut,
     uncut_output,
 )
+from hbbatch.runner.plan import select
 from hbbatch.tracking.engine import Tracker
 from hbbatch.tracking.frames import sequence_frames
 
@@ -36,28 +37,35 @@ class CalibrationReport:
 
     Attributes:
         out: the settings file written.
-        protocol: of the boxes that were looked at.
         sequences: number of sequences looked at.
         scales: of the detector's scores, by class; empty where several detectors were given.
         too_few: classes with too few detections on persistent tracks to tell.
-        weights: learned from labels, by kind; None where none were to be learned.
+        weights: learned from labels, by protocol and kind; empty where none were to be learned.
     """
 
     out: Path
-    protocol: str
     sequences: int
     scales: dict[str, ScoreScale]
     too_few: list[str]
-    weights: dict[str, ConfidenceWeights] | None
+    weights: dict[ProtocolName, dict[str, ConfidenceWeights]]
 
     def settings(self) -> dict[str, Any]:
         """The findings as settings of a run."""
-        output: dict[str, Any] = {"protocol": self.protocol}
+        output: dict[str, Any] = {}
         if self.scales:
-            output["score_scale"] = {k: v.model_dump() for k, v in self.scales.items()}
+            output["score_scale"] = {k: _plain(v) for k, v in self.scales.items()}
         if self.weights:
-            output["confidence"] = {k: v.model_dump() for k, v in self.weights.items()}
+            output["confidence"] = {
+                protocol: {kind: _plain(weights) for kind, weights in of_protocol.items()}
+                for protocol, of_protocol in self.weights.items()
+            }
         return {"output": output}
+
+
+def _plain(settings: Settings) -> dict[str, Any]:
+    """Values worth writing: rounded, and without those that are defaults."""
+    values = settings.model_dump(exclude_defaults=True)
+    return {k: round(v, 4) if isinstance(v, float) else v for k, v in values.items()}
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,12 @@ class _Detector:
 
 
 def calibrate(
-    roots: Sequence[Path], out: Path, settings: TrackSettings, *, from_labels: bool = False
+    roots: Sequence[Path],
+    out: Path,
+    settings: TrackSettings,
+    sequence_ids: Sequence[str] = (),
+    *,
+    from_labels: bool = False,
 ) -> CalibrationReport:
     """Find the scale of a detector's scores and write it as settings for `hbbatch track`.
 
@@ -79,11 +92,12 @@ def calibrate(
         roots: one dataset; with `from_labels` several, one a detector, share their weights.
         out: YAML file to write.
         settings: how to track; cuts in them are not applied.
+        sequence_ids: which sequences to look at; all where none is named.
         from_labels: also learn from the datasets' labels what makes a box likely right.
 
     Raises:
         DatasetError: a dataset is missing, or holds too little to tell.
-        UsageError: several datasets without labels to learn from.
+        UsageError: several datasets without labels to learn from, or an unknown sequence.
         WeightsError: the settings' weights cannot be loaded.
     """
     if len(roots) > 1 and not from_labels:
@@ -91,25 +105,35 @@ def calibrate(
             "one dataset at a time: the scale of scores belongs to one detector. "
             "Several datasets serve to learn weights from labels (--from-labels)."
         )
-    detectors = [_tracked(root, settings, labelled=from_labels) for root in roots]
-    weights = learned([list(_lessons(d)) for d in detectors]) if from_labels else None
-    if weights == {}:
-        raise DatasetError(
-            f"{', '.join(map(str, roots))}: too few labelled boxes to learn from. Ingest more "
-            "labelled sequences, or calibrate without labels."
-        )
+    detectors = [_tracked(root, settings, sequence_ids, labelled=from_labels) for root in roots]
     alone = detectors[0] if len(detectors) == 1 else None
     report = CalibrationReport(
         out,
-        settings.output.protocol,
         sum(len(d.sequences) for d in detectors),
         alone.scales if alone else {},
         _too_few(alone) if alone else [],
-        weights,
+        _learned(roots, settings, sequence_ids) if from_labels else {},
     )
     with write_aside(out) as aside:
         aside.write_text(yaml.safe_dump(report.settings(), sort_keys=False))
     return report
+
+
+def _learned(
+    roots: Sequence[Path], settings: TrackSettings, sequence_ids: Sequence[str]
+) -> dict[ProtocolName, dict[str, ConfidenceWeights]]:
+    found = {}
+    for protocol in get_args(ProtocolName):
+        output = settings.output.model_copy(update={"protocol": protocol})
+        chosen = settings.model_copy(update={"output": output})
+        detectors = [_tracked(root, chosen, sequence_ids, labelled=True) for root in roots]
+        found[protocol] = learned([list(_lessons(d)) for d in detectors])
+    if not any(found.values()):
+        raise DatasetError(
+            f"{', '.join(map(str, roots))}: too few labelled boxes to learn from. Ingest more "
+            "labelled sequences, or calibrate without labels."
+        )
+    return found
 
 
 def _too_few(detector: _Detector) -> list[str]:
@@ -118,9 +142,11 @@ def _too_few(detector: _Detector) -> list[str]:
     return sorted(seen - set(detector.scales))
 
 
-def _tracked(root: Path, settings: TrackSettings, *, labelled: bool) -> _Detector:
+def _tracked(
+    root: Path, settings: TrackSettings, sequence_ids: Sequence[str], *, labelled: bool
+) -> _Detector:
     dataset = Dataset.open(root)
-    ids = dataset.sequence_ids()
+    ids = [row["sequence_id"] for row in select(dataset.catalog(), sequence_ids)]
     if labelled:
         ids = [s for s in ids if dataset.path("labels", s).is_file()]
     if not ids:

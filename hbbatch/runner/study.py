@@ -332,7 +332,7 @@ def _judging(
 ) -> OutputSettings:
     """Settings that judge the kinds learned in this fold only: shipped weights know all folds."""
     known = {name: scale for name, scale in scales.items() if KIND_OF_CLASS[name] in weights}
-    return OutputSettings(protocol=protocol, score_scale=known, confidence=weights)
+    return OutputSettings(protocol=protocol, score_scale=known, confidence={protocol: weights})
 
 
 def _likely(

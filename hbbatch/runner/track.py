@@ -179,7 +179,7 @@ class TrackReport:
 
 
 def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSettings:
-    """Settings from a YAML file, and values that replace its top-level keys.
+    """Settings from a YAML file, and values that replace its keys; mappings are merged.
 
     Weights given as a relative path are relative to the file, or to the current folder where they
     come from `overrides`.
@@ -191,8 +191,17 @@ def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSet
     if config is None:
         return normalised_classes(validate(TrackSettings, given, "options"))
     content = load_yaml(config)
-    settings = normalised_classes(validate(TrackSettings, content | given, str(config)))
+    settings = normalised_classes(validate(TrackSettings, _merged(content, given), str(config)))
     return settings if "weights" in given else anchored_weights(settings, config.parent)
+
+
+def _merged(content: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    """Content with what is given in its place, mapping by mapping."""
+    merged = content | given
+    for name, value in given.items():
+        if isinstance(value, dict) and isinstance(content.get(name), dict):
+            merged[name] = _merged(content[name], value)
+    return merged
 
 
 def default_run_name(settings: TrackSettings) -> str:

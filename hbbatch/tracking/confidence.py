@@ -22,6 +22,9 @@ from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.tracks import Evidence
 
+SHIPPED: Final = "confidence.yaml"
+"""A settings file as `hbbatch calibrate --from-labels` writes it."""
+
 _LOWEST, _HIGHEST = -4.0, 2.0
 _RANGE_UNIT_M: Final = 50.0
 _SURE: Final = 1e-3
@@ -46,7 +49,8 @@ def confidence(
         class_names: of the codes.
     """
     probability = np.full(len(class_code), np.nan)
-    weights = {**shipped_weights(output.protocol), **(output.confidence or {})}
+    own = output.confidence.get(output.protocol, {})
+    weights = {**shipped_weights(output.protocol), **own}
     for code, name in enumerate(class_names):
         scale = output.score_scale.get(name)
         of_kind = weights.get(KIND_OF_CLASS.get(name, ""))
@@ -59,9 +63,8 @@ def confidence(
 
 def shipped_weights(protocol: ProtocolName) -> dict[str, ConfidenceWeights]:
     """The weights in the package, by kind of road user."""
-    text = (files("hbbatch.tracking") / f"confidence_{protocol}.yaml").read_text()
-    content: Mapping[str, Any] = yaml.safe_load(text)
-    kinds: Mapping[str, Any] = content["output"]["confidence"]
+    content: Mapping[str, Any] = yaml.safe_load((files(__package__) / SHIPPED).read_text())
+    kinds: Mapping[str, Any] = content["output"]["confidence"][protocol]
     return {kind: ConfidenceWeights.model_validate(values) for kind, values in kinds.items()}
 
 

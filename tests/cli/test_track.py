@@ -85,8 +85,9 @@ def test_data_loss_is_status_3(tmp_path: Path) -> None:
 def test_options_reach_the_settings(tmp_path: Path) -> None:
     make_dataset(tmp_path, "a")
     config = tmp_path / "c.yaml"
-    config.write_text("min_score: 0.1\noutput: {protocol: online}\n")
+    config.write_text("min_score: 0.1\noutput: {max_coasted: 3}\n")
     arguments = ("--config", str(config), "--class", "car", "--class", "van", "--min-score", "0.2")
+    arguments = (*arguments, "--protocol", "online")
     hbbatch_track(tmp_path, *arguments, "--run", "r")
     settings = json.loads(Dataset(tmp_path).run("r").manifest.read_text())["settings"]
     assert settings["filter"] == "kalman"

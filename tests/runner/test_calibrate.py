@@ -25,7 +25,7 @@ def test_the_file_is_a_settings_file_that_improves_the_tracks(
 ) -> None:
     root = few_drives(test_data, *DRIVES).root
     report = calibrate([root], tmp_path / "cuts.yaml", CLASSICAL)
-    assert report.weights is None
+    assert report.weights == {}
     assert report.sequences == len(DRIVES)
     scale = report.scales["car"]
     assert 1.0 < scale.typical < scale.strong < 9.0
@@ -39,21 +39,24 @@ def test_the_file_is_a_settings_file_that_improves_the_tracks(
     assert hota["cut"] > hota["uncut"] + 2.0
 
 
-def test_labels_teach_weights_for_the_protocol_they_were_learned_with(
-    test_data: Path, tmp_path: Path
-) -> None:
-    online = CLASSICAL.model_copy(
-        update={"output": CLASSICAL.output.model_copy(update={"protocol": "online"})}
-    )
+def test_sequences_can_be_named(test_data: Path, tmp_path: Path) -> None:
+    root, out = few_drives(test_data, *DRIVES).root, tmp_path / "cuts.yaml"
+    assert calibrate([root], out, CLASSICAL, ["0000", "0005"]).sequences == 2
+    with pytest.raises(UsageError, match="no such sequence in the dataset: '0001'"):
+        calibrate([root], out, CLASSICAL, ["0001"])
+
+
+def test_labels_teach_weights_for_both_protocols(test_data: Path, tmp_path: Path) -> None:
     root = real_dataset(test_data).root
-    report = calibrate([root], tmp_path / "mine.yaml", online, from_labels=True)
-    assert report.weights is not None
-    assert list(report.weights) == ["vehicle"]
-    assert report.weights["vehicle"].detection_score > 0.3
-    written = validate(TrackSettings, yaml.safe_load(report.out.read_text()), "mine.yaml")
-    assert written.output.protocol == "online"
-    assert written.output.confidence == report.weights
-    assert written.output.score_scale == report.scales
+    report = calibrate([root], tmp_path / "mine.yaml", CLASSICAL, from_labels=True)
+    assert set(report.weights) == {"gap_filled", "online"}
+    for of_protocol in report.weights.values():
+        assert list(of_protocol) == ["vehicle"]
+        assert of_protocol["vehicle"].detection_score > 0.3
+    written = validate(TrackSettings, yaml.safe_load(report.out.read_text()), "mine.yaml").output
+    assert written.confidence == report.weights
+    typical = report.scales["car"].typical
+    assert written.score_scale["car"].typical == pytest.approx(typical, abs=1e-4)
 
 
 def test_several_detectors_share_weights_but_no_scale(test_data: Path, tmp_path: Path) -> None:
@@ -62,9 +65,9 @@ def test_several_detectors_share_weights_but_no_scale(test_data: Path, tmp_path:
         calibrate(roots, tmp_path / "a.yaml", CLASSICAL)
     report = calibrate(roots, tmp_path / "b.yaml", CLASSICAL, from_labels=True)
     assert report.scales == {}
-    assert report.weights is not None
-    assert set(report.weights) == {"vehicle", "pedestrian", "cyclist"}
-    assert all(np.isfinite(w.in_order()).all() for w in report.weights.values())
+    weights = report.weights["online"]
+    assert set(weights) == {"vehicle", "pedestrian", "cyclist"}
+    assert all(np.isfinite(w.in_order()).all() for w in weights.values())
 
 
 def test_too_little_to_tell_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:

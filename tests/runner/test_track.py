@@ -216,6 +216,10 @@ def test_options_win_over_the_config_file(tmp_path: Path) -> None:
     settings = resolve_settings(config, {"min_score": 0.7, "classes": None})
     assert (settings.filter, settings.min_score) == ("kalman", 0.7)
     assert settings.output.protocol == "online"
+    gap_filled = resolve_settings(config, {"output": {"protocol": "gap_filled"}})
+    assert gap_filled.output.protocol == "gap_filled"
+    config.write_text("output: {protocol: online, min_detections: 3}\n")
+    assert resolve_settings(config, {"output": {"max_coasted": 2}}).output.min_detections == 3
 
 
 def test_weights_of_a_config_file_lie_beside_it(tmp_path: Path) -> None:

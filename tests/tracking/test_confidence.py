@@ -85,7 +85,8 @@ def test_without_a_scale_nothing_is_judged() -> None:
 def test_weights_of_a_run_win_over_the_shipped_ones_kind_by_kind() -> None:
     never = ConfidenceWeights.from_order([-9.0, 0, 0, 0, 0, 0, 0])
     output = OutputSettings(
-        score_scale={"car": SCALE, "pedestrian": SCALE}, confidence={"vehicle": never}
+        score_scale={"car": SCALE, "pedestrian": SCALE},
+        confidence={"gap_filled": {"vehicle": never}},
     )
     found = confidence(told(2), np.array([0, 1]), output, ["car", "pedestrian"])
     assert found[0] < 0.001
