@@ -8,7 +8,7 @@ evaluated in the same way, without a look-alike class, as its detection benchmar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -47,21 +47,6 @@ def evaluate_kitti(truth: KittiTruth, tracks: KittiTracks) -> Evaluation:
         for name, by_sequence in truth.items()
     }
     return Evaluation("kitti_2d", scores)
-
-
-def sweep_track_score(
-    truth: KittiTruth, tracks: KittiTracks, cuts: Iterable[float]
-) -> dict[float, Evaluation]:
-    """Scores by the mean detection score below which tracks are left out."""
-    return {cut: evaluate_kitti(truth, above_track_score(tracks, cut)) for cut in cuts}
-
-
-def above_track_score(tracks: KittiTracks, cut: float) -> KittiTracks:
-    """The tracks whose mean detection score is at least `cut`."""
-    return {
-        name: {s: t.take(t.track_score >= cut) for s, t in by_sequence.items()}
-        for name, by_sequence in tracks.items()
-    }
 
 
 def kitti_truth(labels: dict[str, pa.Table], classes: Sequence[str] = KITTI_CLASSES) -> KittiTruth:

@@ -13,7 +13,7 @@ import pytest
 import trackeval
 
 from hbbatch.errors import DatasetError
-from hbbatch.evaluation.kitti import evaluate_kitti, kitti_tracks, kitti_truth, sweep_track_score
+from hbbatch.evaluation.kitti import evaluate_kitti, kitti_tracks, kitti_truth
 from hbbatch.evaluation.kitti_results import read_kitti_results
 from hbbatch.evaluation.results import Scores
 from hbbatch.projection import Camera
@@ -129,20 +129,6 @@ def test_cyclists_are_evaluated_like_pedestrians(
 
     assert as_logged.combined.labelled_boxes > 100
     assert as_logged == as_pedestrians
-
-
-def test_sweep_leaves_out_tracks_below_the_cut(
-    label_files: dict[str, Path], result_files: dict[str, Path]
-) -> None:
-    truth = kitti_truth({"0000": labels_table(label_files["0000"])}, ["pedestrian"])
-    tracks = read_kitti_results({"0000": result_files["0000"]})
-    sweep = sweep_track_score(truth, tracks, [-1.0, 0.2, 2.0])
-
-    scores = {cut: result.classes["pedestrian"].combined for cut, result in sweep.items()}
-    assert scores[-1.0] == evaluate_kitti(truth, tracks).classes["pedestrian"].combined
-    assert scores[0.2].fp < scores[-1.0].fp
-    assert scores[2.0].tracked_boxes == 0
-    assert scores[2.0].fn == scores[-1.0].labelled_boxes
 
 
 def tracks_table(boxes: np.ndarray) -> pa.Table:
