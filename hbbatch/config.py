@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar, get_args
+from typing import Any, Final, Literal, Self, TypeVar, cast, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -75,6 +75,10 @@ ScoreCut = float | dict[str, float] | None
 """A lowest score for all classes, one a class (absent: no cut), or none."""
 
 
+NEARLY_SURE: Final = (1e-3, 0.999)
+"""Scores that are probabilities count as no closer to 0 and 1 than this, where logits run away."""
+
+
 class ScoreScale(Settings):
     """Where a detector's scores of true objects lie; `hbbatch calibrate` finds it."""
 
@@ -86,6 +90,9 @@ class ScoreScale(Settings):
     def _ordered(self) -> Self:
         if not self.typical < self.strong:
             raise ValueError("strong must exceed typical")
+        low, high = NEARLY_SURE
+        if self.probability and not (0.0 <= self.typical < high and low < self.strong <= 1.0):
+            raise ValueError(f"probabilities lie in 0..1, typical below {high}, strong above {low}")
         return self
 
 
@@ -127,7 +134,8 @@ class OutputSettings(Settings):
     )
     confidence: dict[ProtocolName, dict[str, ConfidenceWeights]] = Field(
         {},
-        description="what makes a box likely right, by protocol and kind; those not named: as shipped",
+        description="what makes a box likely right, by protocol and kind; "
+        "those not named: as shipped",
     )
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="boxes judged less likely to be right are not written"
@@ -244,15 +252,17 @@ def validate(model: type[_Model], content: dict[str, Any], what: str) -> _Model:
 
 def _fault(model: type[BaseModel], fault: ErrorDetails) -> str:
     if fault["type"] != "extra_forbidden":
-        return fault["msg"]
+        return fault["msg"].removeprefix("Value error, ")
     known = _settings_at(model, fault["loc"][:-1]).model_fields
     return f"unknown setting; known are {', '.join(known)}"
 
 
 def _settings_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:
-    """The settings nested in others at a location; numbers in it are places in a list."""
-    for name in (part for part in location if isinstance(part, str)):
-        annotation = model.model_fields[name].annotation
-        kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
-        model = next(kind for kind in kinds if issubclass(kind, BaseModel))
-    return model
+    """The settings nested in others at a location: fields, keys of mappings, places in lists."""
+    annotation: Any = model
+    for part in location:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            annotation = annotation.model_fields[str(part)].annotation
+        else:
+            annotation = [kind for kind in get_args(annotation) if kind is not Ellipsis][-1]
+    return cast("type[BaseModel]", annotation)

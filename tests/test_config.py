@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pydantic import Field
 
 from hbbatch.config import (
     AssociationSettings,
@@ -24,6 +25,7 @@ class Inner(Settings):
 class Outer(Settings):
     one: Inner = Inner()
     many: tuple[Inner, ...] = ()
+    named: dict[str, dict[str, Inner]] = Field({})
 
 
 def fault(model: type[Settings], content: dict[str, object]) -> str:
@@ -49,9 +51,13 @@ def test_numbers_must_be_finite(number: float, content: object) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ({"two": 1}, "settings.yaml: two: unknown setting; known are one, many."),
+        ({"two": 1}, "settings.yaml: two: unknown setting; known are one, many, named."),
         ({"one": {"sise": 1}}, "settings.yaml: one.sise: unknown setting; known are size."),
         ({"many": [{}, {"s": 1}]}, "settings.yaml: many.1.s: unknown setting; known are size."),
+        (
+            {"named": {"a": {"size": {"s": 1}}}},
+            "settings.yaml: named.a.size.s: unknown setting; known are size.",
+        ),
     ],
 )
 def test_an_unknown_setting_is_named_with_those_there_are(
@@ -76,6 +82,15 @@ def test_minimum_of_the_damping_must_not_exceed_its_maximum() -> None:
 def test_a_strong_score_must_exceed_a_typical_one() -> None:
     scale = {"car": {"typical": 1.0, "strong": 1.0}}
     assert "strong must exceed typical" in fault(TrackSettings, {"output": {"score_scale": scale}})
+
+
+@pytest.mark.parametrize(("typical", "strong"), [(0.5, 4.0), (-1.0, 0.9), (0.9995, 0.9999)])
+def test_probabilities_as_scores_must_lie_where_their_logits_differ(
+    typical: float, strong: float
+) -> None:
+    scale = {"typical": typical, "strong": strong, "probability": True}
+    text = fault(TrackSettings, {"output": {"score_scale": {"car": scale}}})
+    assert text.startswith("settings.yaml: output.score_scale.car: probabilities lie in 0..1")
 
 
 def test_the_digest_changes_with_any_value_and_with_nothing_else() -> None:

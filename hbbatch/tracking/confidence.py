@@ -17,7 +17,13 @@ import yaml
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.config import ConfidenceWeights, OutputSettings, ProtocolName, ScoreScale
+from hbbatch.config import (
+    NEARLY_SURE,
+    ConfidenceWeights,
+    OutputSettings,
+    ProtocolName,
+    ScoreScale,
+)
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.tracks import Evidence
@@ -27,8 +33,6 @@ SHIPPED: Final = "confidence.yaml"
 
 _LOWEST, _HIGHEST = -4.0, 2.0
 _RANGE_UNIT_M: Final = 50.0
-_SURE: Final = 1e-3
-"""Probabilities closer to 0 and 1 are taken as this close before their logit is taken."""
 
 _RIDGE: Final = 1e-3
 _NEWTON_STEPS: Final = 30
@@ -131,6 +135,6 @@ def _linear(score: FloatArray, probability: bool) -> FloatArray:
     """Scores as they are, or the logit of probabilities, which crowd at one end."""
     if not probability:
         return score
-    kept = np.clip(score, _SURE, 1.0 - _SURE)
+    kept = np.clip(score, *NEARLY_SURE)
     logit: FloatArray = np.log(kept / (1.0 - kept))
     return logit
