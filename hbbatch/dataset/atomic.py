@@ -17,7 +17,7 @@ def write_aside(path: Path) -> Iterator[Path]:
     Raises:
         DatasetError: the folder or the file cannot be written.
     """
-    aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    aside = path.parent / f".{path.name}.{os.getpid()}.partial"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -30,7 +30,7 @@ def write_aside(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise DatasetError(
             f"{path}: cannot be written ({error.strerror or error}). "
-            "Check the folder's permissions and free space, or choose another with --dataset."
+            "Check the folder's permissions and free space, or choose another place."
         ) from error
 
 

@@ -44,3 +44,12 @@ def test_a_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
     target = tmp_path / "file" / "inside"
     with pytest.raises(DatasetError, match=r"inside: cannot be written"), write_aside(target):
         pass
+
+
+def test_a_place_that_is_a_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in (Path(), Path("..")):
+        message = pytest.raises(DatasetError, match=r"^\.+: cannot be written")
+        with message, write_aside(folder) as aside:
+            aside.write_text("new")
+    assert not list(tmp_path.iterdir())
