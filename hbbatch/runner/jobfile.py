@@ -49,7 +49,7 @@ def load_job(path: Path) -> RelabelJob:
         ConfigError: the file, a value, a variable, a path or the weights are not right.
     """
     content = _expanded(load_yaml(path), str(path))
-    job = _anchored(validate(RelabelJob, content, str(path)), path.resolve().parent)
+    job = _anchored(validate(RelabelJob, content, str(path)), path)
     faults = [*_missing(job), *_unfit(job)]
     if faults:
         raise ConfigError(f"{path}: {' '.join(faults)}")
@@ -84,7 +84,8 @@ def _variable(match: re.Match[str], what: str) -> str:
     return value
 
 
-def _anchored(job: RelabelJob, folder: Path) -> RelabelJob:
+def _anchored(job: RelabelJob, path: Path) -> RelabelJob:
+    folder = path.resolve().parent
     sources = tuple(
         source.model_copy(
             update={
@@ -97,7 +98,7 @@ def _anchored(job: RelabelJob, folder: Path) -> RelabelJob:
     update = {
         "dataset": (folder / job.dataset).resolve(),
         "sources": sources,
-        "track": normalised_classes(anchored_weights(job.track, folder)),
+        "track": normalised_classes(anchored_weights(job.track, folder), str(path)),
     }
     return job.model_copy(update=update)
 

@@ -189,9 +189,10 @@ def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSet
     """
     given = {name: value for name, value in overrides.items() if value is not None}
     if config is None:
-        return normalised_classes(validate(TrackSettings, given, "options"))
+        return normalised_classes(validate(TrackSettings, given, "options"), "options")
     content = load_yaml(config)
-    settings = normalised_classes(validate(TrackSettings, _merged(content, given), str(config)))
+    settings = validate(TrackSettings, _merged(content, given), str(config))
+    settings = normalised_classes(settings, str(config))
     return settings if "weights" in given else anchored_weights(settings, config.parent)
 
 
