@@ -150,9 +150,8 @@ def _tracked(
     if labelled:
         ids = [s for s in ids if dataset.path("labels", s).is_file()]
     if not ids:
-        raise DatasetError(
-            f"{root}: holds no {'labelled ' if labelled else ''}sequence. Ingest a source first."
-        )
+        which = "labels for none of the sequences named" if sequence_ids else "no labelled sequence"
+        raise DatasetError(f"{root}: holds {which}. Ingest a source that has some.")
     chosen = sorted({ids[int(i)] for i in np.linspace(0, len(ids) - 1, _MOST_SEQUENCES)})
     output = uncut_output(settings.output)
     tracker = Tracker(settings.model_copy(update={"output": output}))

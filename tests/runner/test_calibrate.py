@@ -46,6 +46,12 @@ def test_sequences_can_be_named(test_data: Path, tmp_path: Path) -> None:
         calibrate([root], out, CLASSICAL, ["0001"])
 
 
+def test_sequences_named_to_learn_from_must_be_labelled(tmp_path: Path) -> None:
+    root = make_dataset(tmp_path / "data", "a").root
+    with pytest.raises(DatasetError, match="labels for none of the sequences named"):
+        calibrate([root], tmp_path / "mine.yaml", CLASSICAL, ["a"], from_labels=True)
+
+
 def test_labels_teach_weights_for_both_protocols(test_data: Path, tmp_path: Path) -> None:
     root = real_dataset(test_data).root
     report = calibrate([root], tmp_path / "mine.yaml", CLASSICAL, from_labels=True)
