@@ -11,6 +11,7 @@ import typer
 from hbbatch.cli.options import JsonOption
 
 if TYPE_CHECKING:
+    from hbbatch.config import TrackSettings
     from hbbatch.runner.relabel import RelabelReport
 
 
@@ -29,14 +30,14 @@ def relabel(
     if as_json:
         print_json(report.to_json())
     else:
-        _print_report(report)
+        _print_report(report, loaded.track)
     for notice in (notice for ingested in report.ingested for notice in ingested.notices):
         complain(f"warning: {notice}")
     complain_of(report.failures)
     raise typer.Exit(report.exit_status)
 
 
-def _print_report(report: RelabelReport) -> None:
+def _print_report(report: RelabelReport, settings: TrackSettings) -> None:
     from hbbatch.cli import eval as eval_command
     from hbbatch.cli import track as track_command
 
@@ -45,7 +46,7 @@ def _print_report(report: RelabelReport) -> None:
         typer.echo("Nothing has changed since the last time: nothing was done.")
         return
     if report.tracked is not None:
-        track_command.print_report(report.tracked)
+        track_command.print_report(report.tracked, settings)
     if report.evaluated is not None:
         eval_command.print_report(report.evaluated)
 

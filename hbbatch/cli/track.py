@@ -18,6 +18,7 @@ from hbbatch.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from hbbatch.config import TrackSettings
     from hbbatch.runner.track import TrackReport
 
 
@@ -81,23 +82,23 @@ def track(
     if as_json:
         print_json(report.to_json())
     else:
-        print_report(report)
-        if report.tracked and not request.settings.output.judges:
-            typer.echo(
-                "Weak boxes are written as well: the scale of this detector's scores is unknown. "
-                "`hbbatch calibrate` finds it."
-            )
+        print_report(report, request.settings)
     print_failures(report)
     raise typer.Exit(report.exit_status)
 
 
-def print_report(report: TrackReport) -> None:
-    """The summary of a run on stdout."""
+def print_report(report: TrackReport, settings: TrackSettings) -> None:
+    """The summary of a run on stdout, and whether its settings let weak boxes pass."""
     from hbbatch.cli.output import print_summary, shortened
 
     effort = _effort(report) if report.tracked else []
     odd = [("odd" if not i else "", line) for i, line in enumerate(shortened(report.odd))]
     print_summary(f"Run {report.run}", [*_counts(report), *effort, *_places(report), *odd])
+    if report.tracked and not settings.output.judges:
+        typer.echo(
+            "Weak boxes are written as well: the scale of this detector's scores is unknown. "
+            "`hbbatch calibrate` finds it."
+        )
 
 
 def print_failures(report: TrackReport) -> None:

@@ -39,6 +39,15 @@ def test_a_job_runs_and_then_says_that_nothing_changed(job: str) -> None:
     assert json.loads(hbbatch_relabel(job, "--json").stdout)["unchanged"] is True
 
 
+def test_weak_boxes_are_told_of_unless_the_scale_of_scores_is_known(job: str) -> None:
+    notice = "Weak boxes are written as well"
+    assert notice in hbbatch_relabel(job).stdout
+    path = Path(job)
+    scale = "output: {score_scale: {car: {typical: 3.4, strong: 5.9}}}"
+    path.write_text(path.read_text().replace("{filter: kalman}", f"{{filter: kalman, {scale}}}"))
+    assert notice not in hbbatch_relabel(job).stdout
+
+
 def test_a_bad_job_starts_nothing(job: str) -> None:
     path = Path(job)
     path.write_text(path.read_text() + "speed: 11\n")
