@@ -136,10 +136,10 @@ def load_study(path: Path) -> StudySettings:
         unknown = set(variant.train_on or ()) - set(study.datasets)
         if unknown:
             raise ConfigError(f"{path}: variant {variant.name!r} trains on unknown {unknown}.")
-        if variant.weights is not None and variant.train:
+        if variant.weights is not None and (variant.train or variant.also):
             raise ConfigError(
-                f"{path}: variant {variant.name!r} has both weights and training settings. "
-                "Remove one of them."
+                f"{path}: variant {variant.name!r} has both weights and something to train "
+                "with (train, also). Remove one of them."
             )
         validate(TrainSettings, variant.train, f"{path}: variant {variant.name!r}, train")
         validate(TrackSettings, variant.track, f"{path}: variant {variant.name!r}, track")
@@ -171,6 +171,7 @@ def run_study(study: StudySettings, progress: Progress = lambda _: None) -> Stud
         DatasetError: a dataset is missing or holds too few labelled sequences for the folds.
         MissingExtraError: TrackEval is not installed.
     """
+    _check_there(root for variant in study.variants for root in variant.also)
     materials = {name: _material(root, study.classes) for name, root in study.datasets.items()}
     folds = _folds(materials, study.folds)
     report = StudyReport()
@@ -180,6 +181,12 @@ def run_study(study: StudySettings, progress: Progress = lambda _: None) -> Stud
                 judge = _Judge(study, materials, folds, Path(folder), report, progress)
                 judge.run(variant, seed)
     return report
+
+
+def _check_there(roots: Iterable[Path]) -> None:
+    """Opens datasets that are used hours later, to fail before anything is trained."""
+    for root in roots:
+        Dataset.open(root)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Cross-validated studies: folds, cuts chosen without the held-out fold, tables."""
+"""Cross-validated studies: folds, what is found without the held-out fold, tables."""
 
 from __future__ import annotations
 
@@ -64,6 +64,17 @@ def test_weights_that_are_there_are_judged_without_training(
     assert [row.variant for row in report.rows] == ["own", "shipped"]
 
 
+def test_datasets_trained_on_as_well_are_missed_before_anything_is_trained(
+    test_data: Path, tmp_path: Path
+) -> None:
+    variants = f"  - {{name: first, train: {QUICK}}}\n  - {{name: second, also: [absent]}}"
+    root = few_drives(test_data, "0000", "0003").root
+    said: list[str] = []
+    with pytest.raises(DatasetError, match="absent: no dataset here"):
+        run_study(load_study(study_file(tmp_path, root, variants)), said.append)
+    assert said == []
+
+
 @pytest.mark.parametrize(
     ("variants", "fault"),
     [
@@ -71,7 +82,11 @@ def test_weights_that_are_there_are_judged_without_training(
         ("  - {name: a, track: {output: {min_track_score: high}}}", "min_track_score"),
         ("  - {name: a, train_on: [casa]}", "casa"),
         ("  - {name: a, speed: 3}", "speed"),
-        ("  - {name: a, weights: kitti, train: {iterations: 3}}", "both weights and training"),
+        (
+            "  - {name: a, weights: kitti, train: {iterations: 3}}",
+            "both weights and something to train",
+        ),
+        ("  - {name: a, weights: kitti, also: [other]}", "both weights and something to train"),
     ],
 )
 def test_a_study_is_validated_as_a_whole(tmp_path: Path, variants: str, fault: str) -> None:
