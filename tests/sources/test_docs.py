@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hbbatch import schema
 from hbbatch.sources.classes import TAXONOMY
 from hbbatch.sources.messages import (
     DETECTION_MESSAGES,
@@ -27,3 +28,10 @@ def test_every_class_is_documented() -> None:
     for name, spellings in TAXONOMY.items():
         listed = ", ".join(f"`{spelling}`" for spelling in spellings if spelling)
         assert f"| `{name}` | {listed} |" in DOCS
+
+
+def test_every_column_of_the_tracks_is_documented() -> None:
+    table = DOCS.partition("The columns of `tracks`:")[2].partition("\n## ")[0]
+    listed = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
+    names = [name.strip(" `") for cell in listed for name in cell.split(",")]
+    assert names == schema.TRACKS.names
