@@ -49,7 +49,10 @@ def calibrate(
             f"strong ones {scale.strong:.3f}"
         )
     for name in report.too_few:
-        typer.echo(f"{name}: too few lasting tracks to tell; left uncut", err=True)
+        typer.echo(
+            f"{name}: too few lasting tracks, or scores too much alike, to tell; left uncut",
+            err=True,
+        )
     for kind in sorted({kind for kinds in report.weights.values() for kind in kinds}):
         typer.echo(f"{kind}: learned from labels what makes a box right")
     typer.echo(f"written to {report.out}. Next: hbbatch track --config {report.out}")

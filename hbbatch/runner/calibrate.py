@@ -39,7 +39,7 @@ class CalibrationReport:
         out: the settings file written.
         sequences: number of sequences looked at.
         scales: of the detector's scores, by class; empty where several detectors were given.
-        too_few: classes with too few detections on persistent tracks to tell.
+        too_few: classes with too few detections on persistent tracks, or scores too much alike.
         weights: learned from labels, by protocol and kind; empty where none were to be learned.
     """
 
@@ -63,9 +63,8 @@ class CalibrationReport:
 
 
 def _plain(settings: Settings) -> dict[str, Any]:
-    """Values worth writing: rounded, and without those that are defaults."""
-    values = settings.model_dump(exclude_defaults=True)
-    return {k: round(v, 4) if isinstance(v, float) else v for k, v in values.items()}
+    """Values worth writing: without those that are defaults."""
+    return settings.model_dump(exclude_defaults=True)
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,12 @@ def calibrate(
 
     Raises:
         DatasetError: a dataset is missing, or holds too little to tell.
-        UsageError: several datasets without labels to learn from, or an unknown sequence.
+        UsageError: several datasets without labels to learn from, an unknown sequence, or a file
+            to write that is not named as YAML.
         WeightsError: the settings' weights cannot be loaded.
     """
+    if out.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"{out}: settings are written as .yaml. Choose such a name.")
     if len(roots) > 1 and not from_labels:
         raise UsageError(
             "one dataset at a time: the scale of scores belongs to one detector. "
@@ -165,8 +167,8 @@ def _tracked(
     scales = score_scales(sequences, tracker.class_names)
     if not scales:
         raise DatasetError(
-            f"{root}: too few detections on tracks that persist to find the scale of the scores. "
-            "Ingest more sequences, or set output.score_scale by hand."
+            f"{root}: too few detections on tracks that persist, or scores too much alike, to find "
+            "their scale. Ingest more sequences, or set output.score_scale by hand."
         )
     return _Detector(dataset, sequences, tracker.class_names, scales)
 

@@ -95,11 +95,14 @@ def judged(given: FloatArray, weights: ConfidenceWeights) -> FloatArray:
 
 
 def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | None:
-    """The scale of a detector's scores from those whose tracks persist; None if they have none."""
+    """The scale of a detector's scores from those whose tracks persist, to four decimals.
+
+    None if no score persists, or those that do are too much alike.
+    """
     if not persists.any():
         return None
     probability = bool(scores.min() >= 0.0 and scores.max() <= 1.0)
-    typical, strong = np.quantile(scores[persists], [0.5, 0.8])
+    typical, strong = np.round(np.quantile(scores[persists], [0.5, 0.8]), 4)
     if not _linear(typical, probability) < _linear(strong, probability):
         return None
     return ScoreScale(typical=float(typical), strong=float(strong), probability=probability)

@@ -46,6 +46,12 @@ def test_sequences_can_be_named(test_data: Path, tmp_path: Path) -> None:
         calibrate([root], out, CLASSICAL, ["0001"])
 
 
+def test_a_sequence_in_the_place_of_the_file_is_not_written_over(tmp_path: Path) -> None:
+    root = make_dataset(tmp_path / "data", "0001", "0002").root
+    with pytest.raises(UsageError, match=r"0001: settings are written as \.yaml"):
+        calibrate([root], Path("0001"), CLASSICAL, ["0002"])
+
+
 def test_sequences_named_to_learn_from_must_be_labelled(tmp_path: Path) -> None:
     root = make_dataset(tmp_path / "data", "a").root
     with pytest.raises(DatasetError, match="labels for none of the sequences named"):

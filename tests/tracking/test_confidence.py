@@ -70,6 +70,7 @@ def test_the_scale_is_read_from_scores_that_persist() -> None:
     assert scale == ScoreScale(typical=3.0, strong=3.6)
     assert scale_of(scores, np.zeros(601, bool)) is None
     assert scale_of(np.full(9, 0.5), np.ones(9, bool)) is None
+    assert scale_of(np.linspace(0.5, 0.50001, 9), np.ones(9, bool)) is None
     as_probability = scale_of(1 / (1 + np.exp(-scores)), persists)
     assert as_probability is not None
     assert as_probability.probability
