@@ -25,12 +25,19 @@ def list_weights(as_json: JsonOption = False) -> None:
     """List shipped weights, what they were trained on, and under which terms they may be used."""
     from hbbatch.model.weights_files import read_header, shipped_names, weights_path
 
+    from hbbatch.tracking.confidence import TERMS
+
     headers = {name: read_header(weights_path(name)) for name in shipped_names()}
     if as_json:
-        typer.echo(json.dumps({name: vars(header) for name, header in headers.items()}, indent=2))
+        found = {name: vars(header) for name, header in headers.items()}
+        typer.echo(json.dumps(found | {"confidence": {"about": {"licence": TERMS}}}, indent=2))
         return
     for name, header in headers.items():
         typer.echo(f"{name}\n{_describe(header)}")
+    typer.echo(
+        "confidence (of boxes, with any of these weights, once the scale of scores is known)\n"
+        f"  licence     {TERMS}"
+    )
 
 
 def _describe(header: WeightsHeader) -> str:

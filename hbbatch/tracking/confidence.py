@@ -31,10 +31,16 @@ from hbbatch.tracking.tracks import Evidence
 SHIPPED: Final = "confidence.yaml"
 """A settings file as `hbbatch calibrate --from-labels` writes it."""
 
+TERMS: Final = "CC BY-NC-SA 3.0 (learned from KITTI: non-commercial)"
+"""Under which the shipped weights of the confidence may be used."""
+
 _LOWEST, _HIGHEST = -4.0, 2.0
 _RANGE_UNIT_M: Final = 50.0
 
 _RIDGE: Final = 1e-3
+_PRIOR_ROWS: Final = 10.0
+"""How hard a fit of n rows is pulled towards its prior: this many over n."""
+
 _NEWTON_STEPS: Final = 30
 
 
@@ -108,20 +114,32 @@ def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | No
     return ScoreScale(typical=float(typical), strong=float(strong), probability=probability)
 
 
-def fit(given: FloatArray, right: NDArray[np.bool_], weight: FloatArray) -> ConfidenceWeights:
-    """Weights by weighted maximum likelihood, with a slight ridge (Newton's method).
+def fit(
+    given: FloatArray,
+    right: NDArray[np.bool_],
+    weight: FloatArray,
+    prior: ConfidenceWeights | None = None,
+) -> ConfidenceWeights:
+    """Weights by weighted maximum likelihood, with a ridge (Newton's method).
 
     Args:
         given: `features` `(n, 7)`.
         right: `(n,)` whether the box is right.
         weight: `(n,)` how much each row counts.
+        prior: what the ridge pulls towards, the harder the fewer rows there are; by default slightly
+            towards none.
     """
     weight = weight / weight.sum()
-    solution = np.zeros(given.shape[1])
-    ridge = _RIDGE * np.diag([0.0, *np.ones(given.shape[1] - 1)])
+    if prior is None:
+        start = np.zeros(given.shape[1])
+        ridge = _RIDGE * np.diag([0.0, *np.ones(given.shape[1] - 1)])
+    else:
+        start = np.array(prior.in_order())
+        ridge = (_RIDGE + _PRIOR_ROWS / len(given)) * np.eye(given.shape[1])
+    solution = start.copy()
     for _ in range(_NEWTON_STEPS):
         probability = 1.0 / (1.0 + np.exp(-np.clip(given @ solution, -30.0, 30.0)))
-        gradient = given.T @ (weight * (probability - right)) + ridge @ solution
+        gradient = given.T @ (weight * (probability - right)) + ridge @ (solution - start)
         curvature = (given.T * (weight * probability * (1.0 - probability))) @ given + ridge
         solution -= np.linalg.solve(curvature + 1e-9 * np.eye(len(solution)), gradient)
     return ConfidenceWeights.from_order([round(float(value), 4) for value in solution])
