@@ -22,7 +22,13 @@ class Kind(StrEnum):
 def detector_errors(
     dataset: Annotated[
         list[Path] | None,
-        typer.Option("--dataset", "-d", help="Labelled dataset, a detector each. Repeatable."),
+        typer.Option(
+            "--dataset",
+            "-d",
+            envvar="HBBATCH_DATASET",
+            show_envvar=True,
+            help="Labelled dataset, a detector each; hbbatch_data by default. Repeatable.",
+        ),
     ] = None,
     kind: Annotated[Kind, typer.Option(help="Kind of road user.")] = Kind.VEHICLE,
     out: Annotated[
