@@ -24,7 +24,6 @@ def _root() -> None:
 def list_weights(as_json: JsonOption = False) -> None:
     """List shipped weights, what they were trained on, and under which terms they may be used."""
     from hbbatch.model.weights_files import read_header, shipped_names, weights_path
-
     from hbbatch.tracking.confidence import TERMS
 
     headers = {name: read_header(weights_path(name)) for name in shipped_names()}
