@@ -181,7 +181,7 @@ class TrainSettings(Settings):
     measurements: Literal["detections", "labels"] = Field(
         "detections", description="what the filter is fed: detections matched to labels, or labels"
     )
-    motion_model: Literal["cv", "ca", "ct"] = Field("ct", description="of the classical base")
+    motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
     learn: Literal["both", "prediction", "update"] = Field(
         "both", description="which part is learned; the other stays that of the classical base"
     )
@@ -202,12 +202,12 @@ class TrainSettings(Settings):
     )
     direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
     likelihood_weight: float = Field(
-        0.03, ge=0, description="of the truth's likelihood under the posterior covariance"
+        0.0, ge=0, description="of the truth's likelihood under the posterior covariance"
     )
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
     thinned_probability: float = Field(
-        0.5, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
+        0.0, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
     )
     longest_stride: int = Field(5, ge=1, description="k at most, drawn evenly from 1 on")
     noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")

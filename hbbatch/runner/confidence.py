@@ -19,10 +19,10 @@ from hbbatch.projection import Camera
 from hbbatch.tracking.confidence import features, fit, scale_of
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
-FEWEST_DETECTIONS: Final = 300
+FEWEST_DETECTIONS: Final = 100
 """Detections on persistent tracks below which a scale is not trusted."""
 
-FEWEST_BOXES: Final = 300
+FEWEST_BOXES: Final = 20
 """Right and wrong boxes each, below which weights are not learned."""
 
 
@@ -90,17 +90,34 @@ def lessons(
 
 
 def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, ConfidenceWeights]:
-    """Weights by kind, every detector counting the same; kinds with too few boxes are left out."""
-    given: dict[str, list[tuple[FloatArray, NDArray[np.bool_], FloatArray]]] = {}
+    """Weights by kind, every detector counting the same.
+
+    What holds for all kinds together is where each starts from, so that a kind with few boxes is
+    judged sensibly; with none at all, nothing is learned.
+    """
+    lessons_of = [list(of_detector) for of_detector in by_detector]
+    everything = _together(lessons_of)
+    if everything is None:
+        return {}
+    common = fit(*everything)
+    of_kind = {}
+    for kind in sorted(set(KIND_OF_CLASS.values())):
+        own = _together([[q for q in lessons if q.kind == kind] for lessons in lessons_of])
+        of_kind[kind] = common if own is None else fit(*own, common)
+    return of_kind
+
+
+def _together(
+    by_detector: Sequence[Sequence[Lesson]],
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray] | None:
+    """Features, truth and weights of all boxes; None where right or wrong ones are too few."""
+    parts = []
     for of_detector in by_detector:
-        for kind in {lesson.kind for lesson in of_detector}:
-            chosen = [lesson for lesson in of_detector if lesson.kind == kind]
-            right = np.concatenate([lesson.right for lesson in chosen])
-            if min(right.sum(), (~right).sum()) < FEWEST_BOXES:
-                continue
-            part = np.concatenate([lesson.features for lesson in chosen])
-            given.setdefault(kind, []).append((part, right, np.full(len(right), 1 / len(right))))
-    return {
-        kind: fit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        for kind, parts in sorted(given.items())
-    }
+        if of_detector:
+            right = np.concatenate([lesson.right for lesson in of_detector])
+            given = np.concatenate([lesson.features for lesson in of_detector])
+            parts.append((given, right, np.full(len(right), 1 / max(len(right), 1))))
+    if not parts:
+        return None
+    given, right, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return (given, right, weight) if min(right.sum(), (~right).sum()) >= FEWEST_BOXES else None
