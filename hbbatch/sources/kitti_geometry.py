@@ -31,6 +31,9 @@ _EVEN_FRAMES: Final = 5.0
 _LARGEST_MISFIT_M: Final = 0.1
 """Median difference, a frame, of distance and speed at which speeds are not believed."""
 
+_MOST_EVENED_M: Final = 0.25
+"""How far a position is moved at most: 5 ms at 50 m/s. More is a jump, or a speed that is wrong."""
+
 _MISFIT: Final = 0.01
 """How far products of a rotation's rows may be from those of the axes, for rounded numbers."""
 
@@ -176,6 +179,7 @@ def evened(world_from_imu: FloatArray, forward_m_s: FloatArray, frame_s: float) 
         return world_from_imu
     ahead_m = np.concatenate([[0.0], np.cumsum(step_m - driven_m)])
     uneven_m = ahead_m - gaussian_filter1d(ahead_m, _EVEN_FRAMES, mode="nearest")
+    uneven_m = np.clip(uneven_m, -_MOST_EVENED_M, _MOST_EVENED_M)
     poses = world_from_imu.copy()
     poses[:, :3, 3] -= uneven_m[:, None] * forward
     return poses

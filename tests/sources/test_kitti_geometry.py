@@ -46,6 +46,15 @@ def test_speeds_that_do_not_fit_the_positions_are_not_believed(speed: float) -> 
     assert evened(poses, np.full(50, speed), FRAME_S) is poses
 
 
+def test_a_wrong_speed_or_a_jump_moves_no_position_far() -> None:
+    speed = np.full(50, 10.0)
+    poses = straight_drive(speed, np.zeros(50))
+    spiked = np.where(np.arange(50) == 20, 500.0, speed)
+    assert np.abs(evened(poses, spiked, FRAME_S) - poses).max() < 0.3
+    poses[30:, 0, 3] += 40.0
+    assert np.abs(evened(poses, speed, FRAME_S) - poses).max() < 0.3
+
+
 def test_one_frame_needs_no_evening() -> None:
     assert len(evened(np.eye(4)[None], np.zeros(1), FRAME_S)) == 1
 
