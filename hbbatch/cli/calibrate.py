@@ -36,9 +36,15 @@ def calibrate(
 
     No labels are needed. Use the file with `hbbatch track --config`.
     """
+    from hbbatch.errors import UsageError
     from hbbatch.runner.calibrate import calibrate as find
     from hbbatch.runner.track import resolve_settings
 
+    if config is not None and config.resolve() == out.resolve():
+        raise UsageError(
+            f"{out}: the settings to track with would be written over. Choose another name, and "
+            "take the output: found there over by hand."
+        )
     settings = resolve_settings(config, {})
     roots, sequences = dataset or [DEFAULT_DATASET], tuple(sequence_id or ())
     report = find(roots, out, settings, sequences, from_labels=from_labels)
