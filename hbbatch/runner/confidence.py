@@ -93,7 +93,7 @@ def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, ConfidenceWeig
     """Weights by kind, every detector counting the same.
 
     What holds for all kinds together is where each starts from, so that a kind with few boxes is
-    judged sensibly; with none at all, nothing is learned.
+    judged sensibly. Kinds without any are left out.
     """
     lessons_of = [list(of_detector) for of_detector in by_detector]
     everything = _together(lessons_of)
@@ -101,7 +101,7 @@ def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, ConfidenceWeig
         return {}
     common = fit(*everything)
     of_kind = {}
-    for kind in sorted(set(KIND_OF_CLASS.values())):
+    for kind in sorted({lesson.kind for lessons in lessons_of for lesson in lessons}):
         own = _together([[q for q in lessons if q.kind == kind] for lessons in lessons_of])
         of_kind[kind] = common if own is None else fit(*own, common)
     return of_kind

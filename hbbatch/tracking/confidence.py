@@ -126,8 +126,8 @@ def fit(
         given: `features` `(n, 7)`.
         right: `(n,)` whether the box is right.
         weight: `(n,)` how much each row counts.
-        prior: what the ridge pulls towards, the harder the fewer rows there are; by default slightly
-            towards none.
+        prior: what the ridge pulls towards, the harder the fewer rows there are; by default
+            slightly towards none.
     """
     weight = weight / weight.sum()
     if prior is None:

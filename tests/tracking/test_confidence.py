@@ -110,3 +110,15 @@ def test_the_fit_is_that_of_a_general_optimiser() -> None:
     found = fit(given, right, weight).in_order()
     assert found == pytest.approx(expected, abs=2e-3)
     assert found == pytest.approx(true, abs=0.35)
+
+
+def test_few_rows_stay_near_their_prior_and_many_speak_for_themselves() -> None:
+    rng = np.random.default_rng(1)
+    given = np.column_stack([np.ones(20_000), rng.normal(size=(20_000, 6))])
+    right = rng.random(20_000) < 1 / (1 + np.exp(-2.0 * given[:, 1]))
+    prior = ConfidenceWeights.from_order([0.0, 0.0, 0, 0, 0, 0, 1.0])
+    few = fit(given[:30], right[:30], np.ones(30), prior)
+    many = fit(given, right, np.ones(20_000), prior)
+    assert abs(few.detection_score) < 1.0 < 1.8 < many.detection_score
+    assert few.range > 0.2
+    assert abs(many.range) < 0.1
