@@ -56,9 +56,14 @@ def calibrate(
         )
     for name in report.too_few:
         typer.echo(
-            f"{name}: too few lasting tracks, or scores too much alike, to tell; left uncut",
+            f"{name}: too few lasting tracks, or scores too alike; all boxes will be written",
             err=True,
         )
     for kind in sorted({kind for kinds in report.weights.values() for kind in kinds}):
         typer.echo(f"{kind}: learned from labels what makes a box right")
-    typer.echo(f"written to {report.out}. Next: hbbatch track --config {report.out}")
+    following = (
+        f"hbbatch track --config {report.out}"
+        if report.scales
+        else "add the output.score_scale that `hbbatch calibrate` finds for each detector alone"
+    )
+    typer.echo(f"written to {report.out}. Next: {following}")
