@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET
+from hbbatch.cli.options import DEFAULT_DATASET, DatasetsOption
 
 
 def calibrate(
@@ -15,16 +15,7 @@ def calibrate(
     sequence_id: Annotated[
         list[str] | None, typer.Argument(help="Sequences to look at; all by default.")
     ] = None,
-    dataset: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--dataset",
-            "-d",
-            envvar="HBBATCH_DATASET",
-            show_envvar=True,
-            help="Dataset folder; hbbatch_data by default. Repeatable with --from-labels.",
-        ),
-    ] = None,
+    dataset: DatasetsOption = None,
     from_labels: Annotated[
         bool, typer.Option("--from-labels", help="Learn from labels what makes a box right.")
     ] = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET
+from hbbatch.cli.options import DEFAULT_DATASET, DatasetsOption
 
 
 class Kind(StrEnum):
@@ -20,16 +20,7 @@ class Kind(StrEnum):
 
 
 def detector_errors(
-    dataset: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--dataset",
-            "-d",
-            envvar="HBBATCH_DATASET",
-            show_envvar=True,
-            help="Labelled dataset, a detector each; hbbatch_data by default. Repeatable.",
-        ),
-    ] = None,
+    dataset: DatasetsOption = None,
     kind: Annotated[Kind, typer.Option(help="Kind of road user.")] = Kind.VEHICLE,
     out: Annotated[
         Path | None,

@@ -16,6 +16,17 @@ DatasetOption = Annotated[
 ]
 DEFAULT_DATASET = Path("hbbatch_data")
 
+DatasetsOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--dataset",
+        "-d",
+        envvar="HBBATCH_DATASET",
+        show_envvar=True,
+        help="Dataset folder, a detector each; hbbatch_data by default. Repeatable.",
+    ),
+]
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 
 

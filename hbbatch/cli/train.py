@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbbatch.cli.options import DEFAULT_DATASET, FilterChoice, JsonOption, MotionChoice
+from hbbatch.cli.options import (
+    DEFAULT_DATASET,
+    DatasetsOption,
+    FilterChoice,
+    JsonOption,
+    MotionChoice,
+)
 
 if TYPE_CHECKING:
     from hbbatch.runner.train import TrainReport
@@ -17,15 +23,7 @@ if TYPE_CHECKING:
 
 def train(
     out: Annotated[Path, typer.Argument(help="Weights file to write (.safetensors).")],
-    dataset: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--dataset",
-            "-d",
-            envvar="HBBATCH_DATASET",
-            help="Labelled dataset; several teach the noise of several detectors. Repeatable.",
-        ),
-    ] = None,
+    dataset: DatasetsOption = None,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(help="Sequence to judge on instead of training on it. Repeatable."),
