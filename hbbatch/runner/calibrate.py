@@ -114,7 +114,7 @@ def calibrate(
         sum(len(d.sequences) for d in detectors),
         alone.scales if alone else {},
         _too_few(alone) if alone else [],
-        _learned(roots, settings, sequence_ids) if from_labels else {},
+        _learned(roots, detectors, settings, sequence_ids) if from_labels else {},
     )
     with write_aside(out) as aside:
         aside.write_text(yaml.safe_dump(report.settings(), sort_keys=False))
@@ -122,14 +122,20 @@ def calibrate(
 
 
 def _learned(
-    roots: Sequence[Path], settings: TrackSettings, sequence_ids: Sequence[str]
+    roots: Sequence[Path],
+    detectors: Sequence[_Detector],
+    settings: TrackSettings,
+    sequence_ids: Sequence[str],
 ) -> dict[ProtocolName, dict[str, ConfidenceWeights]]:
+    """Weights of both protocols; `detectors` are tracked already, by the protocol of `settings`."""
     found = {}
     for protocol in get_args(ProtocolName):
         output = settings.output.model_copy(update={"protocol": protocol})
         chosen = settings.model_copy(update={"output": output})
-        detectors = [_tracked(root, chosen, sequence_ids, labelled=True) for root in roots]
-        found[protocol] = learned([list(_lessons(d)) for d in detectors])
+        tracked = detectors
+        if protocol != settings.output.protocol:
+            tracked = [_tracked(root, chosen, sequence_ids, labelled=True) for root in roots]
+        found[protocol] = learned([list(_lessons(d)) for d in tracked])
     if not any(found.values()):
         raise DatasetError(
             f"{', '.join(map(str, roots))}: too few labelled boxes to learn from. Ingest more "
