@@ -9,6 +9,7 @@ tracks that persist; seven weights a kind of road user then serve detectors they
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
@@ -59,6 +60,8 @@ def confidence(
         class_names: of the codes.
     """
     probability = np.full(len(class_code), np.nan)
+    if not output.score_scale:
+        return probability
     own = output.confidence.get(output.protocol, {})
     weights = {**shipped_weights(output.protocol), **own}
     for code, name in enumerate(class_names):
@@ -71,8 +74,9 @@ def confidence(
     return probability
 
 
-def shipped_weights(protocol: ProtocolName) -> dict[str, ConfidenceWeights]:
-    """The weights in the package, by kind of road user."""
+@cache
+def shipped_weights(protocol: ProtocolName) -> Mapping[str, ConfidenceWeights]:
+    """The weights in the package, by kind of road user; read once a process."""
     content: Mapping[str, Any] = yaml.safe_load((files(__package__) / SHIPPED).read_text())
     kinds: Mapping[str, Any] = content["output"]["confidence"][protocol]
     return {kind: ConfidenceWeights.model_validate(values) for kind, values in kinds.items()}

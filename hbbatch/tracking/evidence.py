@@ -30,7 +30,7 @@ _REACH: Final = 3.0
 class TrackScore(NamedTuple):
     """Of each row's track, each `(n,)`: the mean score of its detections, and their number."""
 
-    score: FloatArray
+    track_score: FloatArray
     detections: FloatArray
 
 
@@ -82,7 +82,7 @@ def _evidence(
     return Evidence(
         detection_score=np.where(seen, score, nearby)[back],
         nearby_score=nearby[back],
-        track_score=track.score,
+        track_score=track.track_score,
         presence=detections / all_frames[tracks.frame_index],
         detections=track.detections,
         range_m=np.hypot(offset[:, 0], offset[:, 1]),

@@ -15,7 +15,6 @@ from hbbatch.tracking.evidence import (
     evidence,
     evidence_so_far,
     score_of_track,
-    score_so_far,
 )
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.tracks import Evidence, SequenceTracks, TrackedSequence, TrackState
@@ -42,7 +41,7 @@ def refine(
     least = _least_by_class(output.min_track_score, class_names)[tracks.class_code]
     if output.protocol == "online":
         known = evidence_so_far(tracks, frames)
-        kept = _convincing(score_so_far(tracks), output.min_detections, least)
+        kept = _convincing(known, output.min_detections, least)
         return _likely(tracks, kept, known, frames, output, class_names)
     chosen = tracks.take(_convincing(score_of_track(tracks), output.min_detections, least))
     filled = fill_gaps(settle_sizes(chosen), frames)
@@ -65,9 +64,9 @@ def _likely(
 
 
 def _convincing(
-    track: TrackScore, min_detections: int, least_score: FloatArray
+    known: Evidence | TrackScore, min_detections: int, least_score: FloatArray
 ) -> NDArray[np.bool_]:
-    return (track.detections >= min_detections) & (track.score >= least_score)
+    return (known.detections >= min_detections) & (known.track_score >= least_score)
 
 
 def _least_by_class(cut: ScoreCut, class_names: Sequence[str]) -> FloatArray:

@@ -72,7 +72,7 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
 
 def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
     rows = [(0, 1, 0.0, box(0)), (0, 2, 4.0, box(5)), (1, 1, 1.0, box(0)), (2, 1, 5.0, box(0))]
-    assert score_so_far(tracks(rows)).score.tolist() == [0.0, 4.0, 0.5, 2.0]
+    assert score_so_far(tracks(rows)).track_score.tolist() == [0.0, 4.0, 0.5, 2.0]
     assert score_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
     chosen = OutputSettings(protocol="online", min_track_score=1.0)
     said = refine(tracks(rows), sequence([[]] * 3), chosen, ["car"]).tracks
