@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+from xxhash import xxh3_128
 
 from hbbatch import schema
 from hbbatch.boxes import FloatArray
@@ -78,7 +79,10 @@ class Tally:
 
 
 class ContentHash:
-    """Hash of the values that tracking reads, whatever batches they come in."""
+    """Hash of the values that tracking reads, whatever batches they come in.
+
+    It tells tables apart that differ, which is all it is for: it is no proof against forgery.
+    """
 
     def __init__(self) -> None:
         self._columns: dict[str, Any] = {}
@@ -98,7 +102,7 @@ class ContentHash:
 
     def _feed(self, name: str, values: Any) -> None:
         if name not in self._columns:
-            self._columns[name] = hashlib.blake2b(digest_size=16)
+            self._columns[name] = xxh3_128()
         self._columns[name].update(np.ascontiguousarray(values))
 
     def digest(self, calibration: CameraCalibration | None) -> str:

@@ -19,7 +19,7 @@ from hbbatch.runner.ingest_tables import write_sequence
 from hbbatch.sources.base import SequenceHandle, source_errors
 from hbbatch.sources.classes import load_taxonomy
 
-INGEST_VERSION: Final = 4
+INGEST_VERSION: Final = 5
 """Raised when the same source would give other tables or problems, so that it is read again."""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
+from xxhash import xxh3_128
 
 from hbbatch.sources.base import Findings
 
@@ -107,6 +108,10 @@ def unpack_lz4(data: bytes | memoryview, size: int) -> bytes:
 
 
 def file_hash(path: Path) -> str:
-    """Hash of all bytes of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "blake2b").hexdigest()
+    """Hash of all bytes of a file: it tells a changed file, not one that was forged.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb", buffering=0) as file:
+        return hashlib.file_digest(file, xxh3_128).hexdigest()

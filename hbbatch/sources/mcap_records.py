@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BufferedReader
@@ -18,6 +17,7 @@ from typing import Final
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
+from zlib_ng.zlib_ng import crc32
 
 from hbbatch.sources.base import Findings, IntArray
 from hbbatch.sources.channels import unpack_lz4
@@ -144,7 +144,7 @@ def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content
     """
     size = file.seek(0, 2)
     file.seek(len(MAGIC))
-    checksum = zlib.crc32(MAGIC)
+    checksum = crc32(MAGIC)
     while True:
         position = file.tell()
         head = file.read(_FRAME.size)
@@ -165,12 +165,12 @@ def records(file: BufferedReader, damage: Damage) -> Iterator[tuple[int, Content
             checksum = 0
         elif opcode in _KEPT:
             content = file.read(length)
-            checksum = zlib.crc32(content, zlib.crc32(head, checksum))
+            checksum = crc32(content, crc32(head, checksum))
             yield opcode, content
             if opcode == FOOTER:
                 return
         else:
-            checksum = _pass_over(file, length, zlib.crc32(head, checksum))
+            checksum = _pass_over(file, length, crc32(head, checksum))
 
 
 def _pass_over(file: BufferedReader, length: int, checksum: int) -> int:
@@ -178,7 +178,7 @@ def _pass_over(file: BufferedReader, length: int, checksum: int) -> int:
         piece = file.read(min(length, _PIECE))
         if not piece:
             break
-        checksum = zlib.crc32(piece, checksum)
+        checksum = crc32(piece, checksum)
         length -= len(piece)
     return checksum
 
@@ -253,7 +253,7 @@ def _unpacked(content: Content) -> Content:
         raise DamagedRecordError(f"{compression}: {' '.join(str(error).split())}") from error
     if len(data) != size:
         raise DamagedRecordError(f"holds {len(data)} bytes of {size}")
-    if checksum and zlib.crc32(data) != checksum:
+    if checksum and crc32(data) != checksum:
         raise DamagedRecordError("its checksum differs")
     return data
 

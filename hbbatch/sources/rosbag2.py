@@ -151,12 +151,9 @@ class Rosbag2Log:
 
     def fingerprint(self) -> str:
         """Hash of all its files."""
-        digest = hashlib.blake2b()
-        for path in [self.path / _METADATA, *_storage_files(self.path)]:
-            with path.open("rb") as file:
-                digest.update(path.name.encode())
-                digest.update(hashlib.file_digest(file, "blake2b").digest())
-        return digest.hexdigest()
+        paths = [self.path / _METADATA, *_storage_files(self.path)]
+        hashes = [(path.name, file_hash(path)) for path in paths]
+        return hashlib.sha256(repr(hashes).encode()).hexdigest()
 
     def _logs(self, findings: Findings) -> Iterator[MessageLog]:
         files = _storage_files(self.path)

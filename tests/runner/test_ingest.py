@@ -12,6 +12,7 @@ import pytest
 from hbbatch import schema
 from hbbatch.dataset import Dataset
 from hbbatch.errors import DatasetError, ExitStatus, SourceError
+from hbbatch.runner import ingest_task
 from hbbatch.runner.ingest import IngestReport, ingest
 from hbbatch.sources.base import FrameBatch, SourceOptions
 from tests import logs
@@ -169,6 +170,22 @@ def test_other_detections_of_the_same_source_replace_it(tmp_path: Path) -> None:
     ingest([source], tmp_path / "out")
     report = ingest([source], tmp_path / "out", options=SourceOptions(tmp_path / "better"))
     assert statuses(report) == {"0000": "replaced"}
+
+
+def test_what_an_earlier_version_ingested_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, out = write_drive(tmp_path / "drive.mcap"), tmp_path / "out"
+    monkeypatch.setattr(ingest_task, "INGEST_VERSION", ingest_task.INGEST_VERSION - 1)
+    before = ingest([source], out)
+    monkeypatch.undo()
+    assert [
+        statuses(report) for report in (before, ingest([source], out), ingest([source], out))
+    ] == [
+        {"drive": "ingested"},
+        {"drive": "replaced"},
+        {"drive": "unchanged"},
+    ]
 
 
 def test_change_of_labels_alone_leaves_what_tracking_reads(tmp_path: Path) -> None:
