@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from hbbatch.errors import DatasetError
 
@@ -152,6 +153,13 @@ def only(schema: pa.Schema, columns: Iterable[str]) -> pa.Schema:
     return pa.schema([schema.field(name) for name in columns], schema.metadata)
 
 
+def coded(schema: pa.Schema) -> pa.Schema:
+    """A schema with its texts as dictionaries, for tables on their way to a file."""
+    kind = pa.dictionary(pa.int32(), _TEXT)
+    fields = [field.with_type(kind) if field.type == _TEXT else field for field in schema]
+    return pa.schema(fields, schema.metadata)
+
+
 def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:
     """The table with exactly the columns, types and metadata of a schema.
 
@@ -186,7 +194,7 @@ def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:
 
 def _conform_column(column: pa.ChunkedArray, field: pa.Field, what: str) -> pa.ChunkedArray:
     try:
-        column = column if column.type == field.type else column.cast(field.type)
+        column = column if column.type == field.type else pc.cast(column, field.type)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise DatasetError(
             f"{what}: column {field.name!r} is {column.type}, expected {field.type} ({error})."

@@ -16,6 +16,7 @@ import json
 import re
 import shutil
 import unicodedata
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,6 +31,10 @@ from hbbatch.dataset.atomic import write_aside
 from hbbatch.errors import DatasetError, UsageError
 
 _SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+_ARROW_SCHEMA: Final = b"ARROW:schema"
+"""Where Parquet files say the types and fields of the Arrow table they were written from."""
+
+_VALUES_AT_ONCE: Final = 2**16
 _PER_SEQUENCE: Final = ("detections", "poses", "labels", "calibration")
 
 
@@ -247,12 +252,17 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
     """Yield a function that appends a batch to a Parquet file, which is renamed at the end.
 
     Each batch is checked against the schema; the file appears when the block ends without error.
+    Texts may come as dictionaries (`schema.coded`), of which no value is met twice.
     """
+    coded = schema.coded(expected)
     with (
         write_aside(path) as aside,
-        pq.ParquetWriter(aside, expected, **_encoding(expected)) as writer,
+        pq.ParquetWriter(aside, coded, store_schema=False, **_encoding(expected)) as writer,
     ):
-        yield lambda table: writer.write_table(schema.conform(table, expected, str(path)))
+        yield lambda table: writer.write_table(schema.conform(table, coded, str(path)))
+        # Who reads the file gets texts, whatever they were written from.
+        told = {_ARROW_SCHEMA: b64encode(expected.serialize())}
+        writer.add_key_value_metadata({**(expected.metadata or {}), **told})
 
 
 def _encoding(expected: pa.Schema) -> dict[str, Any]:
@@ -270,6 +280,7 @@ def _encoding(expected: pa.Schema) -> dict[str, Any]:
             if field.name == "detection_id" and not field.nullable
         },
         # For readers that skip rows by what they are ordered by.
+        "write_batch_size": _VALUES_AT_ONCE,
         "write_statistics": [n for n in expected.names if n in {"frame_index", "timestamp_ns"}],
     }
 

@@ -13,9 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
-from xxhash import xxh3_128
+from xxhash import xxh3_64_intdigest, xxh3_128
 
 from hbbatch import schema
 from hbbatch.boxes import FloatArray
@@ -94,9 +93,9 @@ class ContentHash:
             if table.schema.field(name).nullable:
                 self._feed(f"{prefix}.{name}.valid", _valid(column))
                 column = column.drop_null()
-            if pa.types.is_string(column.type):
-                self._feed(f"{prefix}.{name}.length", pc.binary_length(column).to_numpy())
-                self._feed(f"{prefix}.{name}", _letters(column))
+            if pa.types.is_dictionary(column.type):
+                for chunk in column.chunks:
+                    self._feed(f"{prefix}.{name}", _text_hashes(chunk))
             else:
                 self._feed(f"{prefix}.{name}", column.to_numpy())
 
@@ -120,14 +119,11 @@ def _valid(column: pa.ChunkedArray) -> NDArray[np.bool_]:
     return valid
 
 
-def _letters(column: pa.ChunkedArray) -> NDArray[np.uint8]:
-    """All texts of a column one after the other."""
-    joined = pa.concat_arrays([*column.chunks, pa.array([], column.type)])
-    _, offsets, letters = joined.buffers()
-    if letters is None:
-        return np.zeros(0, dtype=np.uint8)
-    ends = np.frombuffer(offsets, np.int32)[joined.offset : joined.offset + len(joined) + 1]
-    return np.frombuffer(letters, np.uint8)[ends[0] : ends[-1]]
+def _text_hashes(column: pa.DictionaryArray) -> NDArray[np.uint64]:
+    """A hash of each text, whatever dictionary it is in."""
+    hashes = [xxh3_64_intdigest(text.encode()) for text in column.dictionary.to_pylist()]
+    of_row: NDArray[np.uint64] = np.array(hashes, dtype=np.uint64)[column.indices.to_numpy()]
+    return of_row
 
 
 def write_sequence(

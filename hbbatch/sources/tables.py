@@ -19,7 +19,7 @@ _IMAGE_SIDES: Final = ("image_left", "image_top", "image_right", "image_bottom")
 def detections_table(
     batch: FrameBatch, first_frame_index: int, first_detection_id: int, taxonomy: Taxonomy
 ) -> pa.Table:
-    """A table of `schema.DETECTIONS` for consecutive frames.
+    """A table of `schema.DETECTIONS` for consecutive frames, its texts coded.
 
     Args:
         batch: frames of one sequence.
@@ -29,26 +29,25 @@ def detections_table(
     """
     counts, logged = batch.box_counts, batch.class_names
     index = np.arange(first_frame_index, first_frame_index + len(counts))
-    names = Names(logged.codes, tuple(taxonomy.normalise(name) for name in logged.vocabulary))
-    logged_text = _text(logged)
+    normalised = Names.of([taxonomy.normalise(name) for name in logged.vocabulary])
     frames = Names(np.repeat(batch.frame_ids.codes, counts), batch.frame_ids.vocabulary)
     columns = {
         "frame_index": np.repeat(index, counts),
         "timestamp_ns": np.repeat(batch.timestamp_ns, counts),
         "detection_id": np.arange(first_detection_id, first_detection_id + len(batch.boxes)),
-        "class_name": logged_text if names.vocabulary == logged.vocabulary else _text(names),
-        "class_name_logged": logged_text,
+        "class_name": _text(normalised[logged.codes]),
+        "class_name_logged": _text(logged),
         "score": batch.scores,
         **_box_columns(batch.boxes),
         "frame_id": _text(frames),
         **_image_columns(batch.image_boxes),
         "source_row": batch.source_rows,
     }
-    return schema.conform(pa.table(columns), schema.DETECTIONS, "detections")
+    return schema.conform(pa.table(columns), schema.coded(schema.DETECTIONS), "detections")
 
 
 def poses_table(batch: FrameBatch, first_frame_index: int) -> pa.Table:
-    """A table of `schema.POSES` for consecutive frames, a row a frame."""
+    """A table of `schema.POSES` for consecutive frames, a row a frame, its texts coded."""
     count = len(batch.timestamp_ns)
     log_time_ns = pa.nulls(count, pa.int64())
     if batch.log_time_ns is not None:
@@ -62,7 +61,7 @@ def poses_table(batch: FrameBatch, first_frame_index: int) -> pa.Table:
         "origin": _text(batch.poses.origins),
         "frame_id": _text(batch.frame_ids),
     }
-    return schema.conform(pa.table(columns), schema.POSES, "poses")
+    return schema.conform(pa.table(columns), schema.coded(schema.POSES), "poses")
 
 
 def labels_table(labels: Labels, taxonomy: Taxonomy) -> pa.Table:
@@ -104,8 +103,11 @@ def _columns(names: Sequence[str], values: FloatArray) -> dict[str, pa.Array]:
     }
 
 
-def _text(names: Names) -> pa.Array:
-    if len(names.vocabulary) == 1:
-        return pa.repeat(pa.scalar(names.vocabulary[0], pa.string()), len(names.codes))
-    vocabulary = pa.array(names.vocabulary or ("",), pa.string())
-    return vocabulary.take(pa.array(names.codes, pa.int64()))
+def _text(names: Names) -> pa.DictionaryArray:
+    """Texts as codes, with those that are met as dictionary."""
+    counts = np.bincount(names.codes, minlength=len(names.vocabulary))
+    met = np.flatnonzero(counts)
+    numbers = np.zeros(len(counts), dtype=np.int32)
+    numbers[met] = np.arange(len(met))
+    vocabulary = pa.array([names.vocabulary[code] for code in met.tolist()], pa.string())
+    return pa.DictionaryArray.from_arrays(numbers[names.codes], vocabulary)
