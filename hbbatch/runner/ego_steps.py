@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
 from hbbatch.sources.base import IntArray
@@ -20,6 +21,7 @@ _SUDDEN_M_S2: Final = 30.0
 _LONGEST_STEP_S: Final = 0.25
 """Over longer steps a vehicle may well change its speed by more than the bound."""
 
+_SHORTEST_STEP_S: Final = 1e-9
 _SHOWN: Final = 10
 
 
@@ -49,29 +51,46 @@ def jumps_problem(translations_m: FloatArray, stamps_ns: IntArray) -> str | None
 
 
 def _off_m(steps_m: FloatArray, seconds: FloatArray) -> FloatArray:
-    """How far each step is off, `(n,)`."""
-    velocity_m_s = steps_m / np.maximum(seconds, 1e-9)
+    """How far each step is off, `(n,)`; 0 where it is within the bound for certain."""
+    velocity_m_s = steps_m / np.maximum(seconds, _SHORTEST_STEP_S)
     change_m_s = np.diff(velocity_m_s, axis=0, prepend=velocity_m_s[:1])
     sudden = np.linalg.norm(change_m_s, axis=1) > _SUDDEN_M_S2 * seconds[:, 0]
-    off_m = np.linalg.norm(steps_m - _usual(velocity_m_s) * seconds, axis=1)
-    off_before_m = np.linalg.norm(steps_m - _before(velocity_m_s) * seconds, axis=1)
-    worst_m: FloatArray = np.maximum(off_m, np.where(sudden, off_before_m, 0.0))
-    return worst_m
+    around, before = _around(velocity_m_s), _before(velocity_m_s)
+    off_m = np.zeros(len(steps_m))
+    # Medians take long, and are of use where the velocity changes at all.
+    rows = np.flatnonzero(sudden | _may_be_off(around, seconds))
+    off_m[rows] = _off_median_m(steps_m[rows], around[rows], seconds[rows])
+    rows = np.flatnonzero(sudden)
+    off_before_m = _off_median_m(steps_m[rows], before[rows], seconds[rows])
+    off_m[rows] = np.maximum(off_m[rows], off_before_m)
+    return off_m
 
 
-def _usual(velocity_m_s: FloatArray) -> FloatArray:
-    """Median velocity of each step and those on either side; beyond the ends as inside."""
+def _around(velocity_m_s: FloatArray) -> FloatArray:
+    """Velocities of each step and those on either side, `(n, 3, k)`; beyond the ends as inside."""
     width = ((_NEIGHBOURS, _NEIGHBOURS), (0, 0))
     padded = np.pad(velocity_m_s, width, mode="reflect", reflect_type="odd")
-    return _medians(padded, 2 * _NEIGHBOURS + 1)
+    return sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
 
 
 def _before(velocity_m_s: FloatArray) -> FloatArray:
-    """Median velocity of the steps before each."""
+    """Velocities of the steps before each, `(n, 3, k)`."""
     padded = np.pad(velocity_m_s, ((_NEIGHBOURS, 0), (0, 0)), mode="edge")
-    return _medians(padded[:-1], _NEIGHBOURS)
+    return sliding_window_view(padded[:-1], _NEIGHBOURS, axis=0)
 
 
-def _medians(values: FloatArray, width: int) -> FloatArray:
-    medians: FloatArray = np.median(sliding_window_view(values, width, axis=0), axis=-1)
-    return medians
+def _may_be_off(around_m_s: FloatArray, seconds: FloatArray) -> NDArray[np.bool_]:
+    """Steps whose velocity may differ from the median by as much as matters, `(n,)`.
+
+    The two are no further apart than any two velocities around the step.
+    """
+    spread_m_s = around_m_s.max(axis=-1) - around_m_s.min(axis=-1)
+    within = np.linalg.norm(spread_m_s * seconds, axis=1) < _BOUND_M / 2
+    may_be: NDArray[np.bool_] = ~within | (seconds[:, 0] <= _SHORTEST_STEP_S)
+    return may_be
+
+
+def _off_median_m(steps_m: FloatArray, others_m_s: FloatArray, seconds: FloatArray) -> FloatArray:
+    """How far steps are off what the median of velocities makes of their durations, `(n,)`."""
+    off_m: FloatArray = np.linalg.norm(steps_m - np.median(others_m_s, axis=-1) * seconds, axis=1)
+    return off_m

@@ -16,6 +16,7 @@ from hbbatch.dataset.store import check_name
 from hbbatch.errors import DatasetError, HbbatchError, SequenceError, report_defect
 from hbbatch.runner.ingest_catalog import Rival
 from hbbatch.runner.ingest_tables import write_sequence
+from hbbatch.runner.memory import keep_freed_memory
 from hbbatch.sources.base import SequenceHandle, source_errors
 from hbbatch.sources.classes import load_taxonomy
 
@@ -145,6 +146,7 @@ def _outcome(
 
 def _write(task: IngestTask, source_hash: str) -> Brought:
     """Write the tables of all sequences of a recording; all of them or none that is new."""
+    keep_freed_memory()
     taxonomy = load_taxonomy(task.classes)
     former = {row["sequence_id"] for row in task.former}
     brought = Brought()

@@ -190,10 +190,10 @@ class Columns:
     def stack(self, paths: Sequence[str]) -> NDArray[np.float64]:
         """Several numeric columns side by side, `(n, len(paths))`."""
         columns = [self.numbers[path] for path in paths]
-        stacked = np.empty((len(columns[0]), len(columns)))
+        stacked = np.empty((len(columns), len(columns[0])))
         for number, column in enumerate(columns):
-            stacked[:, number] = column
-        return stacked
+            stacked[number] = column
+        return stacked.T
 
 
 class CdrWalk:

@@ -28,8 +28,7 @@ from hbbatch.sources.spool import Spool
 from hbbatch.sources.transforms import frame_name
 
 _SCORE_WHEN_MISSING: Final = 1.0
-_COLUMNS: Final = 9
-_ROW_BYTES: Final = 8 * _COLUMNS
+_SCORE, _CLASS, _COLUMNS = 7, 8, 9
 BATCH_ROWS: Final = 50_000
 """Frames and boxes of a batch that is written at once."""
 
@@ -77,7 +76,7 @@ class DetectionStore:
         self._topic = topic
         self._messages = _PerMessage.empty()
         self._frames, self._classes = _Vocabulary(), _Vocabulary()
-        self._rows = Spool()
+        self._rows = Spool(_COLUMNS)
         self._unusable: Counter[int] = Counter()
         self._unscored = self._unstamped = self._foreign = self._unsure_yaws = 0
 
@@ -92,17 +91,16 @@ class DetectionStore:
             numbers: `(m,)` which message of the topic each is, from 0.
             log_time_ns: `(m,)` when the recorder received them.
         """
-        rows = np.empty((len(columns.boxes), _COLUMNS))
-        rows[:, :7] = columns.boxes
-        rows[:, 7] = columns.scores
-        rows[:, 8] = self._classes.codes(columns.class_names)
+        rows = np.empty((_COLUMNS, len(columns.boxes)))
+        rows[:_SCORE] = columns.boxes.T
         unscored = np.isnan(columns.scores)
-        rows[unscored, 7] = _SCORE_WHEN_MISSING
+        rows[_SCORE] = columns.scores
+        rows[_SCORE, unscored] = _SCORE_WHEN_MISSING
+        rows[_CLASS] = self._classes.codes(columns.class_names)
         kept = columns.box_counts
-        sizes = (rows[:, column] for column in range(LENGTH, HEIGHT + 1))
-        if not (np.isfinite(rows).all() and all((size > 0).all() for size in sizes)):
+        if not (np.isfinite(rows).all() and (rows[LENGTH : HEIGHT + 1] > 0).all()):
             rows, kept = self._without_unusable(rows, columns.box_counts, numbers)
-        self._rows.append(rows.reshape(-1).view(np.uint8).data)
+        self._rows.append(rows)
         self._unscored += int(unscored.sum())
         self._unstamped += int((columns.stamp_ns == 0).sum())
         self._foreign += columns.foreign
@@ -123,11 +121,11 @@ class DetectionStore:
         self, rows: FloatArray, counts: IntArray, numbers: IntArray
     ) -> tuple[FloatArray, IntArray]:
         """Rows that are numbers and have a size, and how many of them each message has."""
-        usable = np.isfinite(rows).all(axis=1) & ~flat_boxes(rows)
+        usable = np.isfinite(rows).all(axis=0) & ~flat_boxes(rows.T)
         of_message = np.repeat(np.arange(len(counts)), counts)
         for message in of_message[~usable].tolist():
             self._unusable[int(numbers[message])] += 1
-        return rows[usable], np.bincount(of_message[usable], minlength=len(counts))
+        return rows[:, usable], np.bincount(of_message[usable], minlength=len(counts))
 
     @property
     def boxes(self) -> int:
@@ -206,7 +204,7 @@ class DetectionStore:
     def _batch(
         self, rows: IntArray, starts: IntArray, counts: IntArray, frames: Names, poses: Poses
     ) -> FrameBatch:
-        values = self._read(starts[rows], counts[rows])
+        values = self._rows.read(starts[rows], counts[rows])
         numbers = _view(self._messages.number)[rows]
         return FrameBatch(
             timestamp_ns=_view(self._messages.stamp_ns)[rows],
@@ -214,22 +212,9 @@ class DetectionStore:
             frame_ids=frames,
             poses=poses,
             box_counts=counts[rows],
-            boxes=values[:, :7],
-            scores=values[:, 7],
-            class_names=self._classes.names(values[:, 8].astype(np.int64)),
-            image_boxes=no_image_boxes(len(values)),
+            boxes=values[:_SCORE].T,
+            scores=values[_SCORE],
+            class_names=self._classes.names(values[_CLASS].astype(np.int64)),
+            image_boxes=no_image_boxes(values.shape[1]),
             source_rows=np.repeat(numbers, counts[rows]),
         )
-
-    def _read(self, starts: IntArray, counts: IntArray) -> FloatArray:
-        """Rows of messages; those that lie one after the other are read at once."""
-        ends = starts + counts
-        breaks = np.flatnonzero(starts[1:] != ends[:-1]) + 1
-        firsts = [0, *breaks.tolist()]
-        lasts = [*(breaks - 1).tolist(), len(starts) - 1]
-        pieces = []
-        for first, last in zip(firsts, lasts, strict=True):
-            start = int(starts[first]) * _ROW_BYTES
-            size = int(ends[last] - starts[first]) * _ROW_BYTES
-            pieces.append(np.frombuffer(self._rows.read(start, size), dtype=np.float64))
-        return (np.concatenate(pieces) if len(pieces) > 1 else pieces[0]).reshape(-1, _COLUMNS)
