@@ -109,6 +109,7 @@ class ConfidenceWeights(Settings):
     presence: float = Field(description="share of the frames nearby that hold a detection")
     detections: float = Field(description="log of the track's detections (online: so far)")
     range: float = Field(description="distance from the sensor in units of 50 m")
+    unseen: float = Field(description="seconds to the nearest detection (online: since the last)")
 
     def in_order(self) -> list[float]:
         """The weights in the order of the fields."""
@@ -120,19 +121,26 @@ class ConfidenceWeights(Settings):
         return cls.model_validate(dict(zip(cls.model_fields, values, strict=True)))
 
 
+class KindConfidence(Settings):
+    """What makes boxes of one kind of road user likely right, with and without a detection."""
+
+    detected: ConfidenceWeights
+    undetected: ConfidenceWeights
+
+
 class OutputSettings(Settings):
     """Which boxes of a track are written.
 
     `online` is causal: a box is final when its frame is processed; coasted boxes are marked.
     `gap_filled` is the published protocol: gaps are interpolated, predictions after the last
-    detection are cut.
+    detection are cut. On top of it, tracks begin up to `lead_in_s` before their first detection.
     """
 
     protocol: ProtocolName = "gap_filled"
     score_scale: dict[str, ScoreScale] = Field(
         {}, description="scale of the detector's scores, by class; without, nothing is judged"
     )
-    confidence: dict[ProtocolName, dict[str, ConfidenceWeights]] = Field(
+    confidence: dict[ProtocolName, dict[str, KindConfidence]] = Field(
         {},
         description="what makes a box likely right, by protocol and kind; "
         "those not named: as shipped",
@@ -147,7 +155,16 @@ class OutputSettings(Settings):
         1, ge=1, description="boxes of tracks with fewer detections are not written"
     )
     max_coasted: int = Field(
-        0, ge=0, description="online: boxes said after so many misses in a row at most"
+        5,
+        ge=0,
+        description="online: predictions said after so many misses in a row at most, "
+        "those judged likely right",
+    )
+    lead_in_s: float = Field(
+        1.0,
+        ge=0,
+        description="gap_filled: how far tracks are continued to before their first detection "
+        "at most, as far as judged likely right",
     )
 
     @property

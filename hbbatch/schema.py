@@ -83,7 +83,7 @@ TRACKS: Final = _table(
     *_FRAME,
     _field("track_id", _LONG, "1", "identity within the sequence, from 1"),
     _field("class_name", _TEXT, "", "normalised class of the track"),
-    _field("state", _TEXT, "", "detected, coasted (predicted, no detection) or interpolated"),
+    _field("state", _TEXT, "", "detected, coasted (predicted), interpolated or extrapolated"),
     _field("score", _FLOAT, "1", "score of the matched detection", nullable=True),
     _field("track_score", _FLOAT, "1", "mean score of the track's detections (online: so far)"),
     _field("confidence", _FLOAT, "1", "probability of the box to be right", nullable=True),

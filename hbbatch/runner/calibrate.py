@@ -10,7 +10,7 @@ from typing import Any, Final, get_args
 import numpy as np
 import yaml
 
-from hbbatch.config import ConfidenceWeights, ProtocolName, ScoreScale, Settings, TrackSettings
+from hbbatch.config import KindConfidence, ProtocolName, ScoreScale, Settings, TrackSettings
 from hbbatch.dataset import Dataset, write_aside
 from hbbatch.errors import DatasetError, UsageError
 from hbbatch.projection import Camera
@@ -47,7 +47,7 @@ class CalibrationReport:
     sequences: int
     scales: dict[str, ScoreScale]
     too_few: list[str]
-    weights: dict[ProtocolName, dict[str, ConfidenceWeights]]
+    weights: dict[ProtocolName, dict[str, KindConfidence]]
 
     def settings(self) -> dict[str, Any]:
         """The findings as settings of a run."""
@@ -126,7 +126,7 @@ def _learned(
     detectors: Sequence[_Detector],
     settings: TrackSettings,
     sequence_ids: Sequence[str],
-) -> dict[ProtocolName, dict[str, ConfidenceWeights]]:
+) -> dict[ProtocolName, dict[str, KindConfidence]]:
     """Weights of both protocols; `detectors` are tracked already, by the protocol of `settings`."""
     found = {}
     for protocol in get_args(ProtocolName):

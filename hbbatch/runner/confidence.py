@@ -11,12 +11,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.config import ConfidenceWeights, OutputSettings, ScoreScale
+from hbbatch.config import ConfidenceWeights, KindConfidence, OutputSettings, ScoreScale
 from hbbatch.evaluation.persistence import persistent
 from hbbatch.evaluation.verdicts import NOT_JUDGED, RIGHT, verdicts
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.projection import Camera
-from hbbatch.tracking.confidence import features, fit, scale_of
+from hbbatch.tracking.confidence import features, fit, has_detection, scale_of
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
 FEWEST_DETECTIONS: Final = 100
@@ -42,10 +42,20 @@ class Lesson:
     features: FloatArray
     right: NDArray[np.bool_]
 
+    @property
+    def detected(self) -> NDArray[np.bool_]:
+        """Which boxes are those of a detection."""
+        return has_detection(self.features)
+
+    def take(self, rows: NDArray[np.bool_]) -> Lesson:
+        """Some of the boxes."""
+        return Lesson(self.kind, self.features[rows], self.right[rows])
+
 
 def uncut_output(output: OutputSettings) -> OutputSettings:
     """The same protocol, with nothing left out."""
-    return OutputSettings(protocol=output.protocol, max_coasted=output.max_coasted)
+    uncut = {"score_scale": {}, "min_confidence": 0.0, "min_track_score": None, "min_detections": 1}
+    return output.model_copy(update=uncut)
 
 
 def uncut(tracked: Iterable[TrackedSequence], class_names: Sequence[str]) -> Iterator[Uncut]:
@@ -89,13 +99,24 @@ def lessons(
         yield Lesson(KIND_OF_CLASS[name], given, found[rows] == RIGHT)
 
 
-def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, ConfidenceWeights]:
+def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, KindConfidence]:
     """Weights by kind, every detector counting the same.
 
     What holds for all kinds together is where each starts from, so that a kind with few boxes is
-    judged sensibly. Kinds without any are left out.
+    judged sensibly. Kinds without any are left out. Boxes that were not detected are judged as
+    detected ones where there are too few of them to learn from.
     """
     lessons_of = [list(of_detector) for of_detector in by_detector]
+    detected = _learned([[q.take(q.detected) for q in lessons] for lessons in lessons_of])
+    undetected = _learned([[q.take(~q.detected) for q in lessons] for lessons in lessons_of])
+    return {
+        kind: KindConfidence(detected=weights, undetected=undetected.get(kind, weights))
+        for kind, weights in detected.items()
+    }
+
+
+def _learned(lessons_of: Sequence[Sequence[Lesson]]) -> dict[str, ConfidenceWeights]:
+    """Weights by kind from lessons of each detector; nothing where there are too few."""
     everything = _together(lessons_of)
     if everything is None:
         return {}

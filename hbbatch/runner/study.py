@@ -17,7 +17,7 @@ import pyarrow as pa
 from pydantic import Field
 
 from hbbatch.config import (
-    ConfidenceWeights,
+    KindConfidence,
     OutputSettings,
     ProtocolName,
     ScoreScale,
@@ -43,12 +43,21 @@ from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import open_weights
 from hbbatch.projection import Camera
-from hbbatch.runner.confidence import Lesson, Uncut, learned, lessons, score_scales, uncut
+from hbbatch.runner.confidence import (
+    Lesson,
+    Uncut,
+    learned,
+    lessons,
+    score_scales,
+    uncut,
+    uncut_output,
+)
 from hbbatch.runner.labelled import Judgement, judged, labelled_sequences
 from hbbatch.runner.train import train
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
+from hbbatch.tracking.refine import likely
 
 Progress = Callable[[str], None]
 
@@ -314,7 +323,7 @@ def _uncut(
     content = {"weights": str(weights), "classes": classes, **variant.track}
     content["output"] = {**content.get("output", {}), "protocol": protocol}
     settings = TrackSettings.model_validate({**content, "filter": variant.filter})
-    tracker = Tracker(settings)
+    tracker = Tracker(settings.model_copy(update={"output": uncut_output(settings.output)}))
     done = uncut(tracker.track(list(material.frames.values())), tracker.class_names)
     return {sequence.tracked.frames.sequence_id: sequence for sequence in done}
 
@@ -334,7 +343,7 @@ def _lessons(
 
 def _judging(
     scales: Mapping[str, ScoreScale],
-    weights: dict[str, ConfidenceWeights],
+    weights: dict[str, KindConfidence],
     protocol: ProtocolName,
 ) -> OutputSettings:
     """Settings that judge the kinds learned in this fold only: shipped weights know all folds."""
@@ -352,8 +361,9 @@ def _likely(
     kept = {}
     for sequence in sequences:
         tracked = sequence.tracked
-        likely = confidence(tracked.evidence, tracked.tracks.class_code, output, class_names)
-        rows = pa.array(~(likely < output.min_confidence))
+        tracks = tracked.tracks
+        probability = confidence(tracked.evidence, tracks.class_code, output, class_names)
+        rows = pa.array(likely(tracks, probability, output.min_confidence))
         kept[tracked.frames.sequence_id] = sequence.table.filter(rows)
     return kitti_tracks(kept, material.cameras, class_names)
 

@@ -2,7 +2,7 @@
 
 Scores of detectors have scales of their own. They are made comparable by two values that
 `hbbatch calibrate` finds without labels, the median and the 80 % quantile of a detector's scores on
-tracks that persist; seven weights a kind of road user then serve detectors they were not made with
+tracks that persist; the weights of a kind of road user then serve detectors they were not made with
 (docs/accuracy.md).
 """
 
@@ -21,6 +21,7 @@ from hbbatch.boxes import FloatArray
 from hbbatch.config import (
     NEARLY_SURE,
     ConfidenceWeights,
+    KindConfidence,
     OutputSettings,
     ProtocolName,
     ScoreScale,
@@ -37,6 +38,9 @@ TERMS: Final = "CC BY-NC-SA 3.0 (learned from KITTI: non-commercial)"
 
 _LOWEST, _HIGHEST = -4.0, 2.0
 _RANGE_UNIT_M: Final = 50.0
+_LONGEST_UNSEEN_S: Final = 2.0
+_UNSEEN: Final = 7
+"""Column of the time without a detection."""
 
 _RIDGE: Final = 1e-3
 _PRIOR_ROWS: Final = 10.0
@@ -75,33 +79,46 @@ def confidence(
 
 
 @cache
-def shipped_weights(protocol: ProtocolName) -> Mapping[str, ConfidenceWeights]:
+def shipped_weights(protocol: ProtocolName) -> Mapping[str, KindConfidence]:
     """The weights in the package, by kind of road user; read once a process."""
     content: Mapping[str, Any] = yaml.safe_load((files(__package__) / SHIPPED).read_text())
     kinds: Mapping[str, Any] = content["output"]["confidence"][protocol]
-    return {kind: ConfidenceWeights.model_validate(values) for kind, values in kinds.items()}
+    return {kind: KindConfidence.model_validate(values) for kind, values in kinds.items()}
 
 
 def features(evidence: Evidence, scale: ScoreScale) -> FloatArray:
-    """`(n, 7)` in the order of `ConfidenceWeights`, the first column ones."""
+    """`(n, 8)` in the order of `ConfidenceWeights`, the first column ones.
+
+    What a box has not, a detection or time without one, is 0.
+    """
     return np.stack(
         [
             np.ones(len(evidence.range_m)),
-            _comparable(evidence.detection_score, scale),
+            np.nan_to_num(_comparable(evidence.detection_score, scale)),
             _comparable(evidence.nearby_score, scale),
             _comparable(evidence.track_score, scale),
             evidence.presence,
             np.log(np.maximum(evidence.detections, 1.0)),
             evidence.range_m / _RANGE_UNIT_M,
+            np.minimum(evidence.unseen_s, _LONGEST_UNSEEN_S),
         ],
         axis=1,
     )
 
 
-def judged(given: FloatArray, weights: ConfidenceWeights) -> FloatArray:
-    """Logistic function of `features` `(n, 7)`, `(n,)`."""
-    probability: FloatArray = 1.0 / (1.0 + np.exp(-(given @ np.array(weights.in_order()))))
+def judged(given: FloatArray, weights: KindConfidence) -> FloatArray:
+    """Logistic function of `features` `(n, 8)`, `(n,)`."""
+    detected = given @ np.array(weights.detected.in_order())
+    undetected = given @ np.array(weights.undetected.in_order())
+    evidence = np.where(has_detection(given), detected, undetected)
+    probability: FloatArray = 1.0 / (1.0 + np.exp(-evidence))
     return probability
+
+
+def has_detection(given: FloatArray) -> NDArray[np.bool_]:
+    """Which rows of `features` are those of detected boxes, `(n,)`."""
+    detected: NDArray[np.bool_] = given[:, _UNSEEN] == 0.0
+    return detected
 
 
 def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | None:
@@ -127,7 +144,7 @@ def fit(
     """Weights by weighted maximum likelihood, with a ridge (Newton's method).
 
     Args:
-        given: `features` `(n, 7)`.
+        given: `features` `(n, 8)`.
         right: `(n,)` whether the box is right.
         weight: `(n,)` how much each row counts.
         prior: what the ridge pulls towards, the harder the fewer rows there are; by default

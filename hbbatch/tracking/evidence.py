@@ -56,16 +56,20 @@ def score_so_far(tracks: SequenceTracks) -> TrackScore:
 
 def evidence(tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:
     """Evidence for each row from all of its track."""
-    return _evidence(tracks, frames, score_of_track(tracks), _both_ways)
+    return _evidence(tracks, frames, score_of_track(tracks), _both_ways, _nearest_s)
 
 
 def evidence_so_far(tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:
     """Evidence for each row from its track's rows up to its own frame."""
-    return _evidence(tracks, frames, score_so_far(tracks), _backwards)
+    return _evidence(tracks, frames, score_so_far(tracks), _backwards, _since_s)
 
 
 def _evidence(
-    tracks: SequenceTracks, frames: SequenceFrames, track: TrackScore, spread: _Spread
+    tracks: SequenceTracks,
+    frames: SequenceFrames,
+    track: TrackScore,
+    spread: _Spread,
+    unseen: _Unseen,
 ) -> Evidence:
     order = np.lexsort((tracks.frame_index, tracks.track_id))
     back = np.argsort(order)
@@ -80,12 +84,13 @@ def _evidence(
     all_frames = _window_sum(np.ones(len(time_s)), one_object, PRESENCE_S, spread)
     offset = tracks.boxes[:, :2] - frames.translation_m[tracks.frame_index, :2]
     return Evidence(
-        detection_score=np.where(seen, score, nearby)[back],
+        detection_score=np.where(seen, score, np.nan)[back],
         nearby_score=nearby[back],
         track_score=track.track_score,
         presence=detections / all_frames[tracks.frame_index],
         detections=track.detections,
         range_m=np.hypot(offset[:, 0], offset[:, 1]),
+        unseen_s=unseen(rows, seen)[back],
     )
 
 
@@ -120,6 +125,23 @@ def _both_ways(total: FloatArray, values: FloatArray, weight: FloatArray, shift:
     """Each row takes in those `shift` rows before and after it."""
     _backwards(total, values, weight, shift)
     total[:-shift] += weight * values[shift:]
+
+
+_Unseen = Callable[[_Rows, NDArray[np.bool_]], FloatArray]
+
+
+def _since_s(rows: _Rows, seen: NDArray[np.bool_]) -> FloatArray:
+    """Time since the owner's last row with a detection; infinite before its first."""
+    last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), 0))
+    known = seen[last] & (rows.owner[last] == rows.owner)
+    return np.where(known, np.abs(rows.time_s - rows.time_s[last]), np.inf)
+
+
+def _nearest_s(rows: _Rows, seen: NDArray[np.bool_]) -> FloatArray:
+    """Time to the owner's nearest row with a detection."""
+    backwards = _Rows(rows.time_s[::-1], rows.owner[::-1])
+    nearest: FloatArray = np.minimum(_since_s(rows, seen), _since_s(backwards, seen[::-1])[::-1])
+    return nearest
 
 
 def _running_sum(values: FloatArray, group: IntArray) -> FloatArray:

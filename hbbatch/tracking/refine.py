@@ -1,8 +1,9 @@
-"""What an offline processor does after a sequence: fill gaps, settle sizes, choose tracks."""
+"""What an offline processor does after a sequence: settle sizes, fill gaps, choose boxes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from hbbatch.tracking.evidence import (
     score_of_track,
 )
 from hbbatch.tracking.frames import IntArray, SequenceFrames
+from hbbatch.tracking.lead_in import add_lead_ins
 from hbbatch.tracking.tracks import Evidence, SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
@@ -45,6 +47,7 @@ def refine(
         return _likely(tracks, kept, known, frames, output, class_names)
     chosen = tracks.take(_convincing(score_of_track(tracks), output.min_detections, least))
     filled = fill_gaps(settle_sizes(chosen), frames)
+    filled = add_lead_ins(filled, frames.timestamp_ns, output.lead_in_s)
     kept = np.ones(len(filled.track_id), bool)
     return _likely(filled, kept, evidence(filled, frames), frames, output, class_names)
 
@@ -59,8 +62,18 @@ def _likely(
 ) -> TrackedSequence:
     """Those of the kept boxes that are likely right, or could not be judged."""
     probability = confidence(known, tracks.class_code, output, class_names)
-    kept = kept & ~(probability < output.min_confidence)
+    kept = kept & likely(tracks, probability, output.min_confidence)
     return TrackedSequence(frames, tracks.take(kept), known.take(kept), probability[kept])
+
+
+def likely(tracks: SequenceTracks, probability: FloatArray, least: float) -> NDArray[np.bool_]:
+    """Which boxes to write, `(n,)`: those as likely right as asked, and what was not judged.
+
+    Predictions that no detection follows on need a judgement: most of them are wrong.
+    """
+    predicted = (tracks.state == TrackState.COASTED) | (tracks.state == TrackState.EXTRAPOLATED)
+    unknown = np.isnan(probability)
+    return np.where(unknown, ~predicted | (least <= 0.0), probability >= least)
 
 
 def _convincing(
@@ -84,7 +97,7 @@ def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
     for rows in np.split(order, starts[1:]):
         if len(rows):
             boxes[rows, LENGTH : HEIGHT + 1] = np.median(boxes[rows, LENGTH : HEIGHT + 1], axis=0)
-    return _with_boxes(tracks, boxes)
+    return replace(tracks, boxes=boxes)
 
 
 def fill_gaps(tracks: SequenceTracks, frames: SequenceFrames) -> SequenceTracks:
@@ -95,22 +108,12 @@ def fill_gaps(tracks: SequenceTracks, frames: SequenceFrames) -> SequenceTracks:
     before = np.repeat(order[:-1], missing)
     after = np.repeat(order[1:], missing)
     number = np.arange(len(before)) - np.repeat(np.cumsum(missing) - missing, missing)
-    filled = tracks.take(before)
-    index = filled.frame_index + number + 1
+    index = tracks.frame_index[before] + number + 1
     weight = _time_share(frames.timestamp_ns, tracks.frame_index, before, after, index)
-    between = SequenceTracks(
-        frame_index=index,
-        track_id=filled.track_id,
-        class_code=filled.class_code,
-        state=np.full(len(index), TrackState.INTERPOLATED, np.int8),
-        score=np.full(len(index), np.nan),
-        boxes=_interpolate_boxes(tracks.boxes[before], tracks.boxes[after], weight),
-        velocity_m_s=(1 - weight) * filled.velocity_m_s + weight * tracks.velocity_m_s[after],
-        detection_row=np.full(len(index), -1),
-    )
-    columns = zip(vars(tracks).values(), vars(between).values(), strict=True)
-    joined = SequenceTracks(*(np.concatenate(pair) for pair in columns))
-    return joined.take(np.lexsort((joined.track_id, joined.frame_index)))
+    boxes = _interpolate_boxes(tracks.boxes[before], tracks.boxes[after], weight)
+    velocity = (1 - weight) * tracks.velocity_m_s[before] + weight * tracks.velocity_m_s[after]
+    between = tracks.undetected(before, index, TrackState.INTERPOLATED, boxes)
+    return tracks.joined(replace(between, velocity_m_s=velocity))
 
 
 def _time_share(
@@ -127,7 +130,3 @@ def _interpolate_boxes(first: FloatArray, second: FloatArray, weight: FloatArray
     turn = wrap_angle(second[:, YAW] - first[:, YAW])
     boxes[:, YAW] = wrap_angle(first[:, YAW] + weight[:, 0] * turn)
     return boxes
-
-
-def _with_boxes(tracks: SequenceTracks, boxes: FloatArray) -> SequenceTracks:
-    return SequenceTracks(**{**vars(tracks), "boxes": boxes})

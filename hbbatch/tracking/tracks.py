@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final, NamedTuple
 
@@ -22,9 +22,10 @@ class TrackState(IntEnum):
     DETECTED = 0
     COASTED = 1
     INTERPOLATED = 2
+    EXTRAPOLATED = 3
 
 
-STATE_NAMES: Final = ("detected", "coasted", "interpolated")
+STATE_NAMES: Final = ("detected", "coasted", "interpolated", "extrapolated")
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,25 @@ class SequenceTracks:
         """Rows chosen by a mask or by index."""
         return SequenceTracks(**{name: column[rows] for name, column in vars(self).items()})
 
+    def undetected(
+        self, rows: IntArray, frame_index: IntArray, state: TrackState, boxes: FloatArray
+    ) -> SequenceTracks:
+        """Boxes for which nothing was detected, of the tracks of given rows, in other frames."""
+        return replace(
+            self.take(rows),
+            frame_index=frame_index,
+            state=np.full(len(rows), state, np.int8),
+            score=np.full(len(rows), np.nan),
+            boxes=boxes,
+            detection_row=np.full(len(rows), -1),
+        )
+
+    def joined(self, other: SequenceTracks) -> SequenceTracks:
+        """The rows of both, sorted."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        both = SequenceTracks(*(np.concatenate(pair) for pair in pairs))
+        return both.take(np.lexsort((both.track_id, both.frame_index)))
+
 
 @dataclass
 class StageSeconds:
@@ -90,12 +110,13 @@ class Evidence(NamedTuple):
     """What speaks for each row of tracks, each `(n,)`; online from the rows so far.
 
     Attributes:
-        detection_score: of the row's own detection; without one, as `nearby_score`.
+        detection_score: of the row's own detection, NaN without one.
         nearby_score: mean of the track's scores, weighted by nearness in time.
         track_score: mean of the track's scores.
         presence: share of the frames nearby in which the track has a detection.
         detections: number of the track's detections.
         range_m: distance from the sensor, seen from above.
+        unseen_s: time to the track's nearest detection (online: since its last), 0 with one.
     """
 
     detection_score: FloatArray
@@ -104,6 +125,7 @@ class Evidence(NamedTuple):
     presence: FloatArray
     detections: FloatArray
     range_m: FloatArray
+    unseen_s: FloatArray
 
     def take(self, rows: NDArray[np.generic]) -> Evidence:
         """Rows chosen by a mask or by index."""

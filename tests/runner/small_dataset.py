@@ -127,7 +127,7 @@ class EchoTracker:
 
 def _evidence(frames: SequenceFrames) -> Evidence:
     ones = np.ones(len(frames.scores))
-    return Evidence(frames.scores, frames.scores, frames.scores, ones, ones, ones)
+    return Evidence(frames.scores, frames.scores, frames.scores, ones, ones, ones, 0.0 * ones)
 
 
 def _echo(frames: SequenceFrames) -> SequenceTracks:

@@ -64,7 +64,9 @@ def test_labels_teach_weights_for_both_protocols(test_data: Path, tmp_path: Path
     assert set(report.weights) == {"gap_filled", "online"}
     for of_protocol in report.weights.values():
         assert list(of_protocol) == ["vehicle"]
-        assert of_protocol["vehicle"].detection_score > 0.3
+        assert of_protocol["vehicle"].detected.detection_score > 0.3
+        assert of_protocol["vehicle"].undetected.nearby_score > 0.3
+        assert of_protocol["vehicle"].undetected.presence > 0.3
     written = validate(TrackSettings, yaml.safe_load(report.out.read_text()), "mine.yaml").output
     assert written.confidence == report.weights
     typical = report.scales["car"].typical
@@ -79,7 +81,9 @@ def test_several_detectors_share_weights_but_no_scale(test_data: Path, tmp_path:
     assert report.scales == {}
     weights = report.weights["online"]
     assert set(weights) == {"vehicle", "pedestrian", "cyclist"}
-    assert all(np.isfinite(w.in_order()).all() for w in weights.values())
+    for weights_of_kind in weights.values():
+        assert np.isfinite(weights_of_kind.detected.in_order()).all()
+        assert np.isfinite(weights_of_kind.undetected.in_order()).all()
 
 
 def test_too_little_to_tell_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hbbatch.config import TrackSettings, validate
+from hbbatch.config import ConfidenceWeights, TrackSettings, validate
 from hbbatch.errors import ConfigError
 from hbbatch.runner.class_names import normalised_classes
 
@@ -38,7 +38,7 @@ def test_a_class_that_no_filter_tracks_is_named(setting: str) -> None:
 
 
 def test_confidence_is_by_kind_not_by_class() -> None:
-    names = ("bias", "detection_score", "nearby_score", "track_score", "presence", "detections")
-    weights = dict.fromkeys((*names, "range"), 0.0)
+    names = ConfidenceWeights.model_fields
+    weights = dict.fromkeys(("detected", "undetected"), dict.fromkeys(names, 0.0))
     with pytest.raises(ConfigError, match=r"unknown 'car'. Known are vehicle, pedestrian, cyclist"):
         normalised_classes(settings(confidence={"online": {"car": weights}}), "s.yaml")

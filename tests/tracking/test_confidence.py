@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from hbbatch.config import ConfidenceWeights, OutputSettings, ScoreScale
+from hbbatch.config import (
+    ConfidenceWeights,
+    KindConfidence,
+    OutputSettings,
+    ProtocolName,
+    ScoreScale,
+)
 from hbbatch.tracking.confidence import (
     confidence,
     features,
@@ -27,6 +33,7 @@ def told(count: int = 1, **columns: float) -> Evidence:
         "presence": 1.0,
         "detections": 20.0,
         "range_m": 20.0,
+        "unseen_s": 0.0,
         **columns,
     }
     return Evidence(**{name: np.full(count, value) for name, value in values.items()})
@@ -35,16 +42,47 @@ def told(count: int = 1, **columns: float) -> Evidence:
 SCALE = ScoreScale(typical=3.0, strong=5.0)
 
 
+def everywhere(values: list[float]) -> KindConfidence:
+    """The same weights with and without a detection."""
+    weights = ConfidenceWeights.from_order(values)
+    return KindConfidence(detected=weights, undetected=weights)
+
+
 @pytest.mark.parametrize("protocol", ["online", "gap_filled"])
 @pytest.mark.parametrize("kind", ["vehicle", "pedestrian", "cyclist"])
-def test_shipped_weights_trust_strong_boxes_and_doubt_weak_ones(kind: str, protocol: str) -> None:
-    weights = shipped_weights(protocol)[kind]  # type: ignore[arg-type]
+def test_shipped_weights_trust_strong_boxes_and_doubt_weak_ones(
+    kind: str, protocol: ProtocolName
+) -> None:
+    weights = shipped_weights(protocol)[kind]
     strong = {f"{name}_score": 5.0 for name in ("detection", "nearby", "track")}
     lasting = judged(features(told(**strong, detections=50.0), SCALE), weights)[0]
     weak = {f"{name}_score": -4.0 for name in ("detection", "nearby", "track")}
     fleeting = judged(features(told(**weak, presence=0.2, detections=1.0), SCALE), weights)[0]
     assert lasting > 0.8
     assert fleeting < 0.1
+
+
+@pytest.mark.parametrize("protocol", ["online", "gap_filled"])
+def test_shipped_weights_doubt_boxes_the_more_the_longer_nothing_was_detected(
+    protocol: ProtocolName,
+) -> None:
+    weights = shipped_weights(protocol)["vehicle"]
+    found = [
+        judged(features(told(detection_score=np.nan, presence=p, unseen_s=s), SCALE), weights)[0]
+        for p, s in ((0.5, 0.1), (0.2, 0.5), (0.0, 1.0))
+    ]
+    assert judged(features(told(), SCALE), weights)[0] > found[0] > found[1] > found[2]
+
+
+def test_boxes_without_a_detection_have_weights_of_their_own() -> None:
+    sure = ConfidenceWeights.from_order([9.0, 0, 0, 0, 0, 0, 0, 0])
+    slow = ConfidenceWeights.from_order([1.0, 5.0, 0, 0, 0, 0, 0, -2.0])
+    weights = KindConfidence(detected=sure, undetected=slow)
+    unseen = features(told(detection_score=np.nan, unseen_s=0.5), SCALE)
+    assert judged(features(told(), SCALE), weights)[0] > 0.99
+    assert judged(unseen, weights)[0] == pytest.approx(0.5)
+    long_ago = features(told(detection_score=np.nan, unseen_s=99.0), SCALE)
+    assert judged(long_ago, weights)[0] == pytest.approx(1 / (1 + np.exp(3.0)))
 
 
 def test_a_detector_on_another_scale_is_judged_the_same() -> None:
@@ -84,7 +122,7 @@ def test_without_a_scale_nothing_is_judged() -> None:
 
 
 def test_weights_of_a_run_win_over_the_shipped_ones_kind_by_kind() -> None:
-    never = ConfidenceWeights.from_order([-9.0, 0, 0, 0, 0, 0, 0])
+    never = everywhere([-9.0, 0, 0, 0, 0, 0, 0, 0])
     output = OutputSettings(
         score_scale={"car": SCALE, "pedestrian": SCALE},
         confidence={"gap_filled": {"vehicle": never}},
@@ -96,8 +134,8 @@ def test_weights_of_a_run_win_over_the_shipped_ones_kind_by_kind() -> None:
 
 def test_the_fit_is_that_of_a_general_optimiser() -> None:
     rng = np.random.default_rng(0)
-    given = np.column_stack([np.ones(2000), rng.normal(size=(2000, 6))])
-    true = np.array([0.5, 1.0, -2.0, 0.3, 0.0, 1.5, -0.7])
+    given = np.column_stack([np.ones(2000), rng.normal(size=(2000, 7))])
+    true = np.array([0.5, 1.0, -2.0, 0.3, 0.0, 1.5, -0.7, 0.2])
     right = rng.random(2000) < 1 / (1 + np.exp(-given @ true))
     weight = rng.uniform(0.5, 1.5, 2000)
 
@@ -106,7 +144,7 @@ def test_the_fit_is_that_of_a_general_optimiser() -> None:
         likelihood = np.average(np.logaddexp(0, score) - right * score, weights=weight)
         return float(likelihood + 0.5e-3 * (w[1:] @ w[1:]))
 
-    expected = minimize(loss, np.zeros(7), method="BFGS").x
+    expected = minimize(loss, np.zeros(8), method="BFGS").x
     found = fit(given, right, weight).in_order()
     assert found == pytest.approx(expected, abs=2e-3)
     assert found == pytest.approx(true, abs=0.35)
@@ -114,9 +152,9 @@ def test_the_fit_is_that_of_a_general_optimiser() -> None:
 
 def test_few_rows_stay_near_their_prior_and_many_speak_for_themselves() -> None:
     rng = np.random.default_rng(1)
-    given = np.column_stack([np.ones(20_000), rng.normal(size=(20_000, 6))])
+    given = np.column_stack([np.ones(20_000), rng.normal(size=(20_000, 7))])
     right = rng.random(20_000) < 1 / (1 + np.exp(-2.0 * given[:, 1]))
-    prior = ConfidenceWeights.from_order([0.0, 0.0, 0, 0, 0, 0, 1.0])
+    prior = ConfidenceWeights.from_order([0.0, 0.0, 0, 0, 0, 0, 1.0, 0])
     few = fit(given[:30], right[:30], np.ones(30), prior)
     many = fit(given, right, np.ones(20_000), prior)
     assert abs(few.detection_score) < 1.0 < 1.8 < many.detection_score

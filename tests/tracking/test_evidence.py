@@ -54,12 +54,13 @@ def test_presence_is_the_share_of_frames_nearby_with_a_detection() -> None:
     assert so_far.presence[4] == pytest.approx(1.0 / (1.0 + one))
 
 
-def test_a_row_without_detection_has_the_score_nearby() -> None:
+def test_a_row_without_detection_has_no_score_but_those_nearby() -> None:
     given, frames = drive()
     coasted = {"detection_row": np.array([0, -1, 2, 3, 4]), "score": given.score.copy()}
     coasted["score"][1] = np.nan
     known = evidence(type(given)(**{**vars(given), **coasted}), frames)
-    assert known.detection_score[1] == known.nearby_score[1] == pytest.approx(1.5)
+    assert np.isnan(known.detection_score[1])
+    assert known.nearby_score[1] == pytest.approx(1.5)
     assert known.presence[1] < 1.0
     assert known.detections.tolist() == [3, 3, 3, 3, 1]
 
@@ -69,3 +70,13 @@ def test_range_is_that_from_the_sensor_seen_from_above() -> None:
     moved = {"translation_m": np.tile([0.0, -4.0, 7.0], (4, 1))}
     known = evidence(given, type(frames)(**{**vars(frames), **moved}))
     assert known.range_m[[0, 3]] == pytest.approx([4.0, 5.0])
+
+
+def test_time_without_a_detection_counts_to_the_nearest_one_online_since_the_last() -> None:
+    """Track 1 was detected in the frames at 0.1 and 3.0 s, and not in those at 0 and 0.2 s."""
+    given, frames = drive()
+    rows = {"detection_row": np.array([-1, 1, -1, 3, 4])}
+    given = type(given)(**{**vars(given), **rows})
+    assert evidence(given, frames).unseen_s == pytest.approx([0.1, 0.0, 0.1, 0.0, 0.0])
+    late = given.take(given.frame_index > 0)
+    assert evidence_so_far(late, frames).unseen_s == pytest.approx([0.0, 0.1, 0.0, 0.0])

@@ -19,7 +19,7 @@ def settings(**changes: object) -> TrackSettings:
     return TrackSettings.model_validate({"filter": "kalman", **changes})
 
 
-ONLINE = {"protocol": "online", "max_coasted": 100}
+ONLINE = {"protocol": "online", "max_coasted": 100, "min_confidence": 0}
 
 
 def track(frames: SequenceFrames, chosen: TrackSettings | None = None) -> SequenceTracks:

@@ -50,7 +50,7 @@ def test_the_longest_patience_counts() -> None:
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
 @pytest.mark.parametrize("protocol", ["gap_filled", "online"])
 def test_joined_pieces_say_what_the_whole_says(name: str, protocol: str) -> None:
-    output = {"protocol": protocol, "max_coasted": 100}
+    output = {"protocol": protocol, "max_coasted": 100, "min_confidence": 0}
     settings = TrackSettings.model_validate({"filter": name, "output": output})
     group = [with_silences(seed) for seed in range(3)] + [sequence([[]] * 30), sequence([])]
     pieces = cut(group, settings.management)

@@ -128,3 +128,46 @@ def test_cuts_can_differ_by_class() -> None:
     chosen = OutputSettings(min_track_score={"car": 2.0, "pedestrian": 0.5})
     names = ["car", "pedestrian", "cyclist"]
     assert refine(given, sequence([[]]), chosen, names).tracks.track_id.tolist() == [2, 3]
+
+
+def predicted(state: TrackState) -> SequenceTracks:
+    """Ten frames of strong scores, then five predictions."""
+    rows = [(f, 1, 5.0 if f < 10 else np.nan, box(f)) for f in range(15)]
+    given = tracks(rows)
+    undetected = np.arange(15) >= 10
+    states = np.where(undetected, state, TrackState.DETECTED).astype(np.int8)
+    detection = np.where(undetected, -1, np.arange(15))
+    return type(given)(**{**vars(given), "state": states, "detection_row": detection})
+
+
+def test_predictions_are_written_only_where_they_are_judged_likely() -> None:
+    given, frames = predicted(TrackState.COASTED), sequence([[]] * 15)
+    unjudged = OutputSettings(protocol="online")
+    assert refine(given, frames, unjudged, ["car"]).tracks.frame_index.max() == 9
+    scale = {"car": ScoreScale(typical=3.0, strong=5.0)}
+    judging = OutputSettings(protocol="online", score_scale=scale)
+    done = refine(given, frames, judging, ["car"])
+    assert done.tracks.frame_index.max() < 14
+    assert (done.confidence >= 0.5).all()
+    everything = judging.model_copy(update={"min_confidence": 0.0, "score_scale": {}})
+    assert refine(given, frames, everything, ["car"]).tracks.frame_index.max() == 14
+
+
+def test_interpolated_boxes_are_written_unjudged_as_well() -> None:
+    given = tracks([(0, 1, 1.0, box(0)), (4, 1, 1.0, box(8))])
+    done = refine(given, sequence([[]] * 5), OutputSettings(), ["car"])
+    assert len(done.tracks.track_id) == 5
+    assert np.isnan(done.confidence).all()
+
+
+def test_tracks_begin_before_their_first_detection_where_that_is_likely() -> None:
+    rows = [(f, 1, 6.0, box(70.0 - f)) for f in range(10, 40)]
+    scale = {"car": ScoreScale(typical=3.0, strong=5.0)}
+    frames = sequence([[]] * 40)
+    done = refine(tracks(rows), frames, OutputSettings(score_scale=scale), ["car"])
+    before = done.tracks.take(done.tracks.frame_index < 10)
+    assert 0 < len(before.track_id) <= 10
+    assert set(before.state.tolist()) == {TrackState.EXTRAPOLATED}
+    assert before.boxes[:, 0] == pytest.approx(70.0 - before.frame_index)
+    none = OutputSettings(score_scale=scale, lead_in_s=0.0)
+    assert refine(tracks(rows), frames, none, ["car"]).tracks.frame_index.min() == 10
