@@ -83,8 +83,9 @@ def lay_out(
         batch: `(m,)` ascending; batches stay apart, so that each can be matched alone.
     """
     x = detections[:, X]
-    keys = (x, block) if batch is None else (x, block, batch)
-    order = np.lexsort(keys)
+    # One whole number for batch and block, as a third key would take as long as the other two.
+    outer = block if batch is None else batch * (int(block.max(initial=0)) + 1) + block
+    order = np.lexsort((x, outer))
     low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
     shapes = shapes_of(detections[order])
     reach = reach_m(shapes, settings.cost, settings.threshold)

@@ -7,7 +7,7 @@ front, so that the update works on a prefix and nothing is scattered.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,23 @@ from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 
-Said = tuple[FloatArray, NDArray[np.floating]]
-"""Boxes `(7, n)` and velocities in m/s `(3, n)`, world frame."""
+Said = tuple[FloatArray, FloatArray]
+"""Boxes `(n, 7)` and velocities in m/s `(n, 3)`, world frame."""
+
+SAID_WIDTH: Final = 10
+"""Numbers of a box and its velocity, kept side by side."""
+
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def with_room(rows: NDArray[_Scalar], count: int) -> NDArray[_Scalar]:
+    """The same rows if there are so many, else a copy with room for them and as many again."""
+    if count <= len(rows):
+        return rows
+    larger = np.empty((2 * count, *rows.shape[1:]), rows.dtype)
+    larger[: len(rows)] = rows
+    return larger
 
 
 class FilterBank(Protocol):
@@ -41,11 +56,14 @@ class FilterBank(Protocol):
     def append(self, detections: IntArray, kinds: IntArray) -> None:
         """Add rows born from detections of the group."""
 
-    def say(self, rows: IntArray | slice) -> None:
-        """Remember the boxes and velocities of some rows as they are now."""
+    def say(self, rows: IntArray | slice, places: IntArray) -> None:
+        """Remember the boxes and velocities of some rows as they are now, each in its place.
 
-    def said(self) -> Said:
-        """All that was said since the last call, in order."""
+        Places are the numbers of the group's detections, and others after them one by one.
+        """
+
+    def said(self, places: IntArray) -> Said:
+        """What was said in these places."""
 
 
 MakeBank = Callable[[Schedule, IntArray], FilterBank]

@@ -132,20 +132,19 @@ class LockStep:
         free[matched - start] = False
         (newborn,) = free.nonzero()
         if len(newborn):
-            self._give_birth(step, newborn + start)
+            self._give_birth(newborn + start)
 
     def _record(self, step: int, matched: IntArray) -> None:
         """Record the matched rows, which are the first, and those that are said while coasting."""
         output, rows = self._settings.output, self._rows
-        said: IntArray | slice = slice(len(matched))
+        first = slice(len(matched))
+        self._recorder.add(rows.identities(first), matched, first)
         if output.protocol == "online" and output.max_coasted:
-            (said,) = (rows.misses <= output.max_coasted).nonzero()
-        identities = rows.identities(said)
-        detections = np.full(identities.shape[1], -1)
-        detections[: len(matched)] = matched
-        self._recorder.add(step, identities, detections, said)
+            misses = rows.misses
+            (coasted,) = ((misses > 0) & (misses <= output.max_coasted)).nonzero()
+            self._recorder.add_coasted(step, rows.identities(coasted), coasted)
 
-    def _give_birth(self, step: int, newborn: IntArray) -> None:
+    def _give_birth(self, newborn: IntArray) -> None:
         plan, rows = self._plan, self._rows
         sequence, first = plan.sequence[newborn], len(rows)
         code, block = plan.class_codes[newborn], self._block[newborn]
@@ -153,7 +152,7 @@ class LockStep:
         patience = self._settings.management.max_misses_unconfirmed
         rows.append(sequence, self._new_ids(sequence), code, block, patience)
         born = slice(first, len(rows))
-        self._recorder.add(step, rows.identities(born), newborn, born)
+        self._recorder.add(rows.identities(born), newborn, born)
 
     def _new_ids(self, sequence: IntArray) -> IntArray:
         """Consecutive ids within each sequence; newborns are sorted by sequence."""

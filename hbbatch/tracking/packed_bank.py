@@ -11,7 +11,7 @@ from hbbatch.model.weights_files import WeightsFile
 from hbbatch.packed.arrays import CENTRE, PACKED, Single
 from hbbatch.packed.filters import packed_filter
 from hbbatch.packed.kalman import PackedFilter
-from hbbatch.tracking.bank import MakeBank, Said
+from hbbatch.tracking.bank import SAID_WIDTH, MakeBank, Said, with_room
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 
@@ -51,7 +51,7 @@ class PackedBank:
         self._seen = motion.detections(plan.sight_m, kinds)
         self._boxes: FloatArray = np.empty((7, 0))
         self._state: Single = np.empty((motion.height, 0), np.float32)
-        self._said: list[tuple[FloatArray, Single]] = []
+        self._said: FloatArray = np.empty((len(plan.scores), SAID_WIDTH))
 
     def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
         """See `FilterBank.predict`."""
@@ -86,13 +86,13 @@ class PackedBank:
         self._boxes = np.concatenate([self._boxes, boxes], axis=1)
         self._state = np.concatenate([self._state, born], axis=1)
 
-    def say(self, rows: IntArray | slice) -> None:
+    def say(self, rows: IntArray | slice, places: IntArray) -> None:
         """See `FilterBank.say`."""
-        velocity = self._motion.velocity(self._state)
-        self._said.append((self._boxes[:, rows].copy(), velocity[:, rows].copy()))
+        self._said = with_room(self._said, int(places.max(initial=-1)) + 1)
+        self._said[places, :7] = self._boxes[:, rows][PACKED].T
+        self._said[places, 7:] = self._motion.velocity(self._state)[:, rows].T
 
-    def said(self) -> Said:
+    def said(self, places: IntArray) -> Said:
         """See `FilterBank.said`."""
-        boxes, velocity = (np.concatenate(part, axis=1) for part in zip(*self._said, strict=True))
-        self._said.clear()
-        return boxes[PACKED], velocity
+        said = self._said[places]
+        return said[:, :7].copy(), said[:, 7:].copy()

@@ -1,94 +1,80 @@
-"""Collects what each step says about each track, and hands it out sequence by sequence."""
+"""Collects what each step says about each track, and hands it out sequence by sequence.
+
+What is said of a detection has its place beforehand: the detection's number in the group, for each
+is said once, of the track that it continued or began. What is said without one, of tracks that
+coast, gets places after them.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from hbbatch.tracking.bank import FilterBank
+from hbbatch.tracking.bank import FilterBank, with_room
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 
-
-class _Said(NamedTuple):
-    """Boxes said; a column a box.
-
-    Attributes:
-        what: `(5, n)` sequence, track id, class code, detection of the group or -1, step.
-        boxes: `(7, n)`.
-        velocity_m_s: `(3, n)`.
-    """
-
-    what: NDArray[Any]
-    boxes: NDArray[Any]
-    velocity_m_s: NDArray[Any]
+_SEQUENCE, _TRACK_ID, _CLASS_CODE, _STEP = range(4)
 
 
 class Recorder:
-    """Steps since the last hand-out, and the parts of sequences that are not finished."""
+    """Identities and steps by place; boxes are collected by the bank, where they are."""
 
     def __init__(self, plan: Schedule, bank: FilterBank) -> None:
-        """Nothing recorded yet; boxes are collected by the bank, where they are."""
+        """Nothing recorded yet."""
         self._plan = plan
         self._bank = bank
-        self._steps: list[IntArray] = []
-        self._parts: dict[int, list[_Said]] = {}
+        self._said = np.empty((len(plan.scores), 4), np.int64)
+        self._said[:, _SEQUENCE] = plan.sequence
+        self._said[:, _STEP] = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+        sequences = len(plan.first_step)
+        counts = np.bincount(plan.sequence, minlength=sequences)
+        order = plan.sequence.argsort(kind="stable")
+        self._detections = np.split(order, np.cumsum(counts)[:-1])
+        self._places = len(plan.scores)
+        self._coasted: list[list[IntArray]] = [[] for _ in range(sequences)]
 
-    def add(
-        self, step: int, identities: IntArray, detections: IntArray, rows: IntArray | slice
-    ) -> None:
-        """Record what a step says of some rows. Nothing is synchronised here.
+    def add(self, identities: IntArray, detections: IntArray, rows: slice) -> None:
+        """Record what is said of detections. Nothing is synchronised here.
 
         Args:
-            step: number of the step.
             identities: `(3, k)` sequence, track id and class code.
-            detections: `(k,)` matched detections, -1 where there is none.
-            rows: the rows.
+            detections: `(k,)` of the group.
+            rows: of their tracks.
         """
-        if not len(detections):
+        self._said[detections, _TRACK_ID : _CLASS_CODE + 1] = identities[1:].T
+        self._bank.say(rows, detections)
+
+    def add_coasted(self, step: int, identities: IntArray, rows: IntArray) -> None:
+        """Record what a step says of rows without a detection."""
+        if not len(rows):
             return
-        what = np.empty((5, len(detections)), np.int64)
-        what[:3], what[3], what[4] = identities, detections, step
-        self._steps.append(what)
-        self._bank.say(rows)
+        first, self._places = self._places, self._places + len(rows)
+        self._said = with_room(self._said, self._places)
+        places = np.arange(first, self._places)
+        self._said[places, :_STEP], self._said[places, _STEP] = identities.T, step
+        self._bank.say(rows, places)
+        order = identities[0].argsort(kind="stable")
+        numbers, starts = np.unique(identities[0][order], return_index=True)
+        for number, part in zip(numbers, np.split(places[order], starts[1:]), strict=True):
+            self._coasted[number].append(part)
 
     def finish(self, sequence: int) -> SequenceTracks:
-        """All boxes of a finished sequence, sorted by frame and track; they are forgotten here."""
-        self._distribute()
-        parts = self._parts.pop(sequence, [])
-        if not parts:
-            return SequenceTracks.empty()
-        joined = (np.concatenate(columns, axis=1) for columns in zip(*parts, strict=True))
-        return self._tracks(sequence, _Said(*joined))
-
-    def _distribute(self) -> None:
-        """Sort what was said since the last hand-out by sequence."""
-        if not self._steps:
-            return
-        what = np.concatenate(self._steps, axis=1)
-        self._steps.clear()
-        order = np.argsort(what[0], kind="stable")
-        said = _Said(*(column[:, order] for column in (what, *self._bank.said())))
-        numbers, starts = np.unique(said.what[0], return_index=True)
-        ends = [*starts[1:], len(order)]
-        for number, start, end in zip(numbers.tolist(), starts, ends, strict=True):
-            part = _Said(*(column[:, start:end] for column in said))
-            self._parts.setdefault(number, []).append(part)
-
-    def _tracks(self, sequence: int, said: _Said) -> SequenceTracks:
-        order = np.lexsort((said.what[1], said.what[4]))
-        _, track_id, class_code, detection, step = said.what[:, order]
-        seen = detection >= 0
+        """All boxes of a finished sequence, sorted by frame and track."""
+        places = np.concatenate([self._detections[sequence], *self._coasted[sequence]])
+        said = self._said[places]
+        order = np.lexsort((said[:, _TRACK_ID], said[:, _STEP]))
+        place, (_, track_id, class_code, step) = places[order], said[order].T
+        seen = place < len(self._plan.scores)
+        detection = np.where(seen, place, -1)
+        boxes, velocity_m_s = self._bank.said(place)
         return SequenceTracks(
             frame_index=step - self._plan.first_step[sequence],
             track_id=track_id,
             class_code=class_code,
             state=np.where(seen, TrackState.DETECTED, TrackState.COASTED).astype(np.int8),
             score=np.where(seen, self._plan.scores[detection], np.nan),
-            boxes=said.boxes.T[order],
-            velocity_m_s=said.velocity_m_s.T[order].astype(np.float64),
+            boxes=boxes,
+            velocity_m_s=velocity_m_s,
             detection_row=np.where(seen, self._plan.row[detection], -1),
         )

@@ -13,7 +13,7 @@ from hbbatch.boxes import FloatArray
 from hbbatch.model.filters import Measurement, MotionFilter
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import WeightsFile
-from hbbatch.tracking.bank import MakeBank, Said
+from hbbatch.tracking.bank import SAID_WIDTH, MakeBank, Said
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 
@@ -54,7 +54,7 @@ class TensorBank:
         self._boxes = torch.empty((0, 7), dtype=torch.float64, device=device)
         self._state = torch.empty((0, motion.width), dtype=torch.float32, device=device)
         self._count = 0
-        self._said: list[tuple[Tensor, Tensor]] = []
+        self._said = torch.empty((len(plan.scores), SAID_WIDTH), dtype=torch.float64, device=device)
 
     @torch.inference_mode()
     def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
@@ -102,18 +102,21 @@ class TensorBank:
         self.arrange(np.arange(self._count + count))
 
     @torch.inference_mode()
-    def say(self, rows: IntArray | slice) -> None:
+    def say(self, rows: IntArray | slice, places: IntArray) -> None:
         """See `FilterBank.say`."""
         where = rows if isinstance(rows, slice) else to_device(rows, self._device)
         velocity = self._motion.velocity(self._state[where])
-        self._said.append((self._boxes[where].clone(), velocity.clone()))
+        missing = int(places.max(initial=-1)) + 1 - len(self._said)
+        if missing > 0:
+            self._said = torch.cat([self._said, self._said.new_empty(2 * missing, SAID_WIDTH)])
+        said = torch.cat([self._boxes[where], velocity], dim=1)
+        self._said.index_copy_(0, to_device(places, self._device), said)
 
     @torch.inference_mode()
-    def said(self) -> Said:
+    def said(self, places: IntArray) -> Said:
         """See `FilterBank.said`."""
-        boxes, velocity = (torch.cat(column).T for column in zip(*self._said, strict=True))
-        self._said.clear()
-        return to_host(boxes), to_host(velocity)
+        said = to_host(self._said.index_select(0, to_device(places, self._device)))
+        return said[:, :7].copy(), said[:, 7:].copy()
 
     def _measurement(self, detections: IntArray) -> Measurement:
         index = to_device(_padded(detections), self._device)

@@ -53,7 +53,7 @@ def test_on_a_gpu_nothing_mixes_devices_and_the_host_waits_once_a_step(
         lock_step = LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings())
         finished = [number for number, _, _ in lock_step.run()]
     assert sorted(finished) == [0, 1]
-    # Priors of every step but the first; boxes and velocities once, as both end together.
+    # Priors of every step but the first, and what was said of each sequence.
     assert len(fetched) == plan.steps - 1 + 2
 
 
