@@ -6,12 +6,21 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray, corners
 from hbbatch.errors import DatasetError
 
 NEAR_PLANE_M: Final = 0.1
 """Depth at which edges that run past the camera are cut: nearer points have no useful image."""
+
+BREADTH: Final = {"pedestrian": 0.81}
+"""How much of the width of its projected box an object fills, where that is not nearly all of it.
+
+People are narrower than the boxes around their arms and stride. Mean ratio of labelled image boxes
+to projected labelled boxes in KITTI's ten labelled training sequences, as measured in
+tests/test_projection.py; heights agree, as do the boxes of other classes.
+"""
 
 _RING: Final = np.arange(4)
 _EDGES: Final = np.concatenate(
@@ -65,13 +74,26 @@ class Camera:
             )
         return camera
 
-    def image_boxes(self, boxes_sensor: FloatArray) -> FloatArray:
-        """Where boxes `(n, 7)` of the sensor frame lie in this camera's image: see the function."""
-        return image_boxes(boxes_sensor, self.image_from_sensor, self.width_px, self.height_px)
+    def outlines(self, boxes_sensor: FloatArray, class_names: NDArray[Any]) -> FloatArray:
+        """Where objects lie in this camera's image, `(n, 4)` as of `image_boxes`.
+
+        Args:
+            boxes_sensor: `(n, 7)` in the sensor frame.
+            class_names: `(n,)` normalised.
+        """
+        breadth = np.ones(len(boxes_sensor))
+        for name, share in BREADTH.items():
+            breadth[class_names == name] = share
+        size_px = self.width_px, self.height_px
+        return image_boxes(boxes_sensor, self.image_from_sensor, *size_px, breadth)
 
 
 def image_boxes(
-    boxes_sensor: FloatArray, image_from_sensor: FloatArray, width_px: float, height_px: float
+    boxes_sensor: FloatArray,
+    image_from_sensor: FloatArray,
+    width_px: float,
+    height_px: float,
+    breadth: FloatArray | float = 1.0,
 ) -> FloatArray:
     """The rectangle each box fills in the image.
 
@@ -84,6 +106,7 @@ def image_boxes(
             row gives the depth in metres.
         width_px: width of the image.
         height_px: height of the image.
+        breadth: `(n,)` share of the rectangle's width that is kept, about its middle.
 
     Returns:
         `(n, 4)` left, top, right, bottom in pixels, within [0, width_px - 1] x [0, height_px - 1];
@@ -94,6 +117,9 @@ def image_boxes(
     low, high = np.empty((len(boxes_sensor), 2)), np.empty((len(boxes_sensor), 2))
     low[~cut], high[~cut] = _extent(projected[~cut])
     low[cut], high[cut] = _extent(_cut_edges(projected[cut]))
+    spare = 0.5 * (1.0 - breadth) * (high[:, 0] - low[:, 0])
+    low[:, 0] += spare
+    high[:, 0] -= spare
     edge = np.array([width_px, height_px]) - 1.0
     rectangle = np.concatenate([np.clip(low, 0.0, edge), np.clip(high, 0.0, edge)], axis=1)
     seen = (rectangle[:, :2] < rectangle[:, 2:]).all(axis=1)

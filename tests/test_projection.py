@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hbbatch.boxes import FloatArray, corners
-from hbbatch.projection import NEAR_PLANE_M, image_boxes
+from hbbatch.projection import BREADTH, NEAR_PLANE_M, Camera, image_boxes
+from hbbatch.sources.base import SourceOptions
+from hbbatch.sources.kitti import KittiSource
 
 WIDTH_PX, HEIGHT_PX = 1242, 375
 IMAGE_FROM_CAMERA = np.array([[720.0, 0, 610], [0, 720, 173], [0, 0, 1]])
@@ -78,3 +83,46 @@ def test_the_rectangle_holds_every_visible_point_and_is_tight(box: tuple[float, 
     assert (exact[2:] >= inside[2:] - 1e-6).all()
     size = np.maximum(exact[2:] - exact[:2], 1)
     assert (np.abs(exact - inside) / np.tile(size, 2) < 0.2).all()
+
+
+def test_breadth_is_kept_about_the_middle() -> None:
+    whole = seen((12.27, 0.06, -0.08, 4.0, 2.0, 1.5, 0.0))[0]
+    rows = np.array([(12.27, 0.06, -0.08, 4.0, 2.0, 1.5, 0.0)] * 2)
+    camera = Camera(IMAGE_FROM_SENSOR, WIDTH_PX, HEIGHT_PX)
+    car, person = camera.outlines(rows, np.array(["car", "pedestrian"]))
+    np.testing.assert_allclose(car, whole)
+    np.testing.assert_allclose(person[[1, 3]], whole[[1, 3]])
+    np.testing.assert_allclose(person[[0, 2]].mean(), whole[[0, 2]].mean())
+    width_px = (whole[2] - whole[0]) * BREADTH["pedestrian"]
+    np.testing.assert_allclose(person[2] - person[0], width_px)
+
+
+def labelled(test_data: Path) -> Iterator[tuple[str, float, float]]:
+    """Class, widths and heights of labelled image boxes over those of the projected boxes."""
+    detections = test_data / "kitti/detections/virconv/training"
+    source = KittiSource(test_data / "kitti/training", SourceOptions(detections))
+    for handle in source.sequences():
+        if not (test_data / f"kitti/training/label_02/{handle.sequence_id}.txt").is_file():
+            continue
+        [reading] = handle.read()
+        labels, calibration = reading.labels, reading.calibration
+        assert labels is not None
+        assert calibration is not None
+        size_px = calibration.image_width_px, calibration.image_height_px
+        hull = image_boxes(labels.boxes, calibration.image_from_sensor, *size_px)
+        whole = (labels.truncation == 0) & (hull[:, 0] > 1) & (hull[:, 2] < size_px[0] - 2)
+        whole &= labels.boxes[:, 0] > 5.0
+        drawn = labels.image_boxes
+        ratio = (drawn[:, 2:] - drawn[:, :2]) / (hull[:, 2:] - hull[:, :2])
+        for row in np.flatnonzero(whole):
+            yield labels.class_names[row], *ratio[row]
+
+
+def test_breadths_are_those_of_labelled_objects(test_data: Path) -> None:
+    ratios: dict[str, list[tuple[float, float]]] = {}
+    for name, width, height in labelled(test_data):
+        ratios.setdefault(name.lower(), []).append((width, height))
+    for name in ("car", "van", "cyclist", "pedestrian"):
+        width, height = np.mean(ratios[name], axis=0)
+        assert abs(width - BREADTH.get(name, 1.0)) < 0.025, name
+        assert abs(height - 1.0) < 0.025, name

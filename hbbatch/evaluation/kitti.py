@@ -102,7 +102,7 @@ def kitti_tracks(
 def _projected(tracks: pa.Table, camera: Camera) -> tuple[pa.Table, FloatArray]:
     tracks = tracks.sort_by("frame_index")
     boxes = floats(tracks, [f"sensor_{name}" for name in BOX_FIELDS])
-    return tracks, camera.image_boxes(boxes)
+    return tracks, camera.outlines(boxes, tracks["class_name"].to_numpy())
 
 
 def _of_class(tracks: pa.Table, boxes: FloatArray, class_name: str) -> ClassTracks:

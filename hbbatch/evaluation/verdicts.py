@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
@@ -46,13 +45,14 @@ def verdicts(tracks: pa.Table, labels: pa.Table, camera: Camera | None, name: st
     """
     boxes = floats(tracks, [f"sensor_{field}" for field in BOX_FIELDS])
     frame = integers(tracks, "frame_index")
-    of_class = np.asarray(pc.equal(tracks["class_name"], name))
+    class_names = tracks["class_name"].to_numpy()
+    of_class = class_names == name
     found = np.full(len(frame), NOT_JUDGED, np.int8)
     if camera is not None and labels["image_left"].null_count < labels.num_rows:
         if name not in KITTI_CLASSES:
             return found
         truth = kitti_truth({"": labels}, [name])[name][""]
-        image = camera.image_boxes(boxes)
+        image = camera.outlines(boxes, class_names)
         of_class &= ~np.isnan(image[:, 0])
         found[of_class] = _in_image(frame[of_class], image[of_class], truth)
     else:

@@ -38,7 +38,7 @@ def kitti_result(tracks: pa.Table, camera: Camera | None) -> bytes:
     if camera is None:
         rectangles = np.full((tracks.num_rows, 4), -1.0)
     else:
-        rectangles = camera.image_boxes(sensor_boxes)
+        rectangles = camera.outlines(sensor_boxes, tracks["class_name"].to_numpy())
     seen = ~np.isnan(rectangles[:, 0])
     return _text(tracks.filter(pa.array(seen)), sensor_boxes[seen], rectangles[seen])
 

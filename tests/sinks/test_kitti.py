@@ -58,7 +58,7 @@ def test_a_line_holds_the_eighteen_columns_of_the_format() -> None:
 
 def test_pixels_are_those_of_the_projected_box() -> None:
     (line,) = lines(kitti_result(tracks(AHEAD), CAMERA))
-    expected = CAMERA.image_boxes(np.array([AHEAD]))[0]
+    expected = CAMERA.outlines(np.array([AHEAD]), np.array(["car"]))[0]
     assert np.allclose([float(value) for value in line[6:10]], expected, atol=1e-4)
 
 
