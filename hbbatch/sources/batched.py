@@ -14,7 +14,7 @@ from hbbatch.errors import SourceError
 from hbbatch.sources.base import IntArray, SourceOptions
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
-from hbbatch.sources.cdr_walk import WalkRefusedError
+from hbbatch.sources.cdr_steps import WalkRefusedError
 from hbbatch.sources.channels import Channel
 from hbbatch.sources.columns import (
     DetectionColumns,

@@ -19,18 +19,26 @@ _BLOCK_MESSAGES: Final = 4096
 _BLOCK_BYTES: Final = 8 * 2**20
 
 
-def gather(data: bytes | memoryview, places: IntArray, kind: np.dtype[Any]) -> Any:
-    """Values that lie anywhere in a buffer, aligned or not, `(n,)`.
+def everywhere(data: bytes | memoryview, kind: np.dtype[Any], ahead: int = 0) -> Any:
+    """A value at every place of a buffer, aligned or not, some bytes behind it.
+
+    The values are bytes of no type, which are copied as they are: much faster than numbers.
+    """
+    shape = (max(len(data) - ahead - kind.itemsize + 1, 0),)
+    return np.ndarray(
+        shape, f"V{kind.itemsize}", data, offset=ahead if shape[0] else 0, strides=(1,)
+    )
+
+
+def gather(data: bytes | memoryview, places: IntArray, kind: np.dtype[Any], ahead: int = 0) -> Any:
+    """Values that lie some bytes behind any places of a buffer, `(n,)`.
 
     Raises:
         IndexError: one reaches beyond the buffer.
     """
     if not len(places):
         return np.zeros(0, dtype=kind)
-    # Bytes of no type are copied as they are, which is much faster than gathering numbers.
-    shape = (max(len(data) - kind.itemsize + 1, 0),)
-    everywhere = np.ndarray(shape, f"V{kind.itemsize}", data, strides=(1,))
-    return everywhere[places].view(kind)
+    return everywhere(data, kind, ahead)[places].view(kind)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from rosbags.typesys.store import Typestore
 from hbbatch.boxes import YAW, FloatArray
 from hbbatch.sources.base import IntArray, Names
 from hbbatch.sources.blocks import Payloads
-from hbbatch.sources.cdr_walk import CdrWalk, Columns, WalkRefusedError
+from hbbatch.sources.cdr_steps import WalkRefusedError
+from hbbatch.sources.cdr_walk import CdrWalk, Columns
 from hbbatch.sources.columns import DetectionColumns, TransformColumns, from_samples
 from hbbatch.sources.messages.autoware import label_name
 from hbbatch.sources.messages.base import quaternion_yaw

@@ -12,10 +12,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
-from hbbatch.sources import cdr_walk
+from hbbatch.sources import cdr_texts
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
-from hbbatch.sources.cdr_walk import CdrWalk, WalkRefusedError
+from hbbatch.sources.cdr_steps import WalkRefusedError
+from hbbatch.sources.cdr_walk import CdrWalk
 from hbbatch.sources.columns import DetectionColumns, from_messages, from_samples
 from hbbatch.sources.messages import DETECTION_MESSAGES, POSE_MESSAGES, TRANSFORM_MESSAGES
 from tests import log_families, logs
@@ -147,6 +148,6 @@ def test_however_many_names_there_are(kinds: int) -> None:
 def test_texts_are_told_apart_by_all_of_their_letters() -> None:
     # Made so that the key by which rows are told apart is the same.
     rows = np.array([[0, 0x9E3779B97F4A7C15], [1, 0], [0, 0x9E3779B97F4A7C15]], dtype=np.uint64)
-    first, codes = cdr_walk._distinct(rows)
+    first, codes = cdr_texts.distinct(rows)
     assert codes[0] == codes[2] != codes[1]
     np.testing.assert_array_equal(rows[first][codes], rows)
