@@ -59,24 +59,29 @@ def _off_m(steps_m: FloatArray, seconds: FloatArray) -> FloatArray:
     off_m = np.zeros(len(steps_m))
     # Medians take long, and are of use where the velocity changes at all.
     rows = np.flatnonzero(sudden | _may_be_off(around, seconds))
-    off_m[rows] = _off_median_m(steps_m[rows], around[rows], seconds[rows])
+    off_m[rows] = _off_median_m(steps_m[rows], around[:, rows], seconds[rows])
     rows = np.flatnonzero(sudden)
-    off_before_m = _off_median_m(steps_m[rows], before[rows], seconds[rows])
+    off_before_m = _off_median_m(steps_m[rows], before[:, rows], seconds[rows])
     off_m[rows] = np.maximum(off_m[rows], off_before_m)
     return off_m
 
 
 def _around(velocity_m_s: FloatArray) -> FloatArray:
-    """Velocities of each step and those on either side, `(n, 3, k)`; beyond the ends as inside."""
+    """Velocities of each step and those on either side, `(k, n, 3)`; beyond the ends as inside."""
     width = ((_NEIGHBOURS, _NEIGHBOURS), (0, 0))
     padded = np.pad(velocity_m_s, width, mode="reflect", reflect_type="odd")
-    return sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
+    return _windows(padded, 2 * _NEIGHBOURS + 1)
 
 
 def _before(velocity_m_s: FloatArray) -> FloatArray:
-    """Velocities of the steps before each, `(n, 3, k)`."""
+    """Velocities of the steps before each, `(k, n, 3)`."""
     padded = np.pad(velocity_m_s, ((_NEIGHBOURS, 0), (0, 0)), mode="edge")
-    return sliding_window_view(padded[:-1], _NEIGHBOURS, axis=0)
+    return _windows(padded[:-1], _NEIGHBOURS)
+
+
+def _windows(values: FloatArray, width: int) -> FloatArray:
+    """Stretches of rows, not copied; theirs is the first axis, over which numpy reduces fastest."""
+    return np.moveaxis(sliding_window_view(values, width, axis=0), -1, 0)
 
 
 def _may_be_off(around_m_s: FloatArray, seconds: FloatArray) -> NDArray[np.bool_]:
@@ -84,7 +89,7 @@ def _may_be_off(around_m_s: FloatArray, seconds: FloatArray) -> NDArray[np.bool_
 
     The two are no further apart than any two velocities around the step.
     """
-    spread_m_s = around_m_s.max(axis=-1) - around_m_s.min(axis=-1)
+    spread_m_s = around_m_s.max(axis=0) - around_m_s.min(axis=0)
     within = np.linalg.norm(spread_m_s * seconds, axis=1) < _BOUND_M / 2
     may_be: NDArray[np.bool_] = ~within | (seconds[:, 0] <= _SHORTEST_STEP_S)
     return may_be
@@ -92,5 +97,5 @@ def _may_be_off(around_m_s: FloatArray, seconds: FloatArray) -> NDArray[np.bool_
 
 def _off_median_m(steps_m: FloatArray, others_m_s: FloatArray, seconds: FloatArray) -> FloatArray:
     """How far steps are off what the median of velocities makes of their durations, `(n,)`."""
-    off_m: FloatArray = np.linalg.norm(steps_m - np.median(others_m_s, axis=-1) * seconds, axis=1)
+    off_m: FloatArray = np.linalg.norm(steps_m - np.median(others_m_s, axis=0) * seconds, axis=1)
     return off_m

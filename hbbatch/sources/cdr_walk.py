@@ -9,7 +9,7 @@ refuse the whole batch, which is then read message by message.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from hbbatch.sources.cdr_steps import (
     WalkRefusedError,
     compiled,
 )
-from hbbatch.sources.cdr_texts import WORD_LETTERS, distinct, masks
+from hbbatch.sources.cdr_texts import WORD_LETTERS, texts_of
 
 _HEAD: Final = 4
 _LENGTH: Final = np.dtype("<u4")
@@ -42,7 +42,7 @@ class Columns:
     """Fields of a batch of messages.
 
     Attributes:
-        counts: by path of a sequence, elements a parent; parents are messages or elements.
+        counts: by path of a sequence of the messages, elements a message.
         numbers: by path, a value a message or element, in order.
         texts: by path, a text a message or element, in order.
         parents: by path of a sequence within a sequence, the parent of each element.
@@ -84,7 +84,7 @@ class CdrWalk:
             left = messages.ends - group.origin - position
             if ((left < 0) | (left >= _HEAD)).any():
                 raise WalkRefusedError("the size differs")
-            return run.columns(len(messages))
+            return run.columns()
         except IndexError as error:
             raise WalkRefusedError("reaches beyond the messages") from error
 
@@ -108,19 +108,41 @@ class _Group(NamedTuple):
     origin: IntArray
     owner: IntArray
 
+    def first(self, count: int) -> _Group:
+        """Some of them, from the first on."""
+        return _Group(self.origin[:count], self.owner[:count])
 
-class _Marked(NamedTuple):
-    """Numbers to be gathered.
+
+@dataclass
+class _Marked:
+    """Numbers to be gathered, turn by turn.
 
     Attributes:
         dtype: of each.
         ahead: bytes from the places to them.
-        pieces: owners and places, turn by turn.
+        owners: whose they are.
+        places: where they are.
     """
 
     dtype: str
     ahead: int
-    pieces: list[tuple[IntArray, IntArray]]
+    owners: list[IntArray] = field(default_factory=list)
+    places: list[IntArray] = field(default_factory=list)
+
+
+@dataclass
+class _MarkedText:
+    """Texts to be gathered, turn by turn.
+
+    Attributes:
+        owners: whose they are.
+        places: where they begin.
+        lengths: with the zero byte that ends them.
+    """
+
+    owners: list[IntArray] = field(default_factory=list)
+    places: list[IntArray] = field(default_factory=list)
+    lengths: list[NDArray[np.uint32]] = field(default_factory=list)
 
 
 class _Run:
@@ -133,8 +155,8 @@ class _Run:
     def __init__(self, buffer: bytes | memoryview) -> None:
         self._buffer = buffer
         self._numbers: dict[tuple[str, ...], _Marked] = {}
-        self._texts: dict[str, list[tuple[IntArray, IntArray, NDArray[np.uint32]]]] = {}
-        self._counts: dict[str, list[tuple[IntArray, IntArray]]] = {}
+        self._texts: dict[str, _MarkedText] = {}
+        self._counts: dict[str, IntArray] = {}
         self._lengths: dict[int, NDArray[np.void]] = {}
 
     def go(self, steps: Steps, group: _Group, position: IntArray) -> None:
@@ -144,22 +166,29 @@ class _Run:
                 position += step.add
                 position &= step.mask
             elif isinstance(step, Take):
-                marked = _Marked(step.dtype, step.ahead, [])
-                pieces = self._numbers.setdefault(tuple(step.paths), marked).pieces
-                pieces.append((group.owner, group.origin + position))
+                paths = tuple(step.paths)
+                marked = self._numbers.setdefault(paths, _Marked(step.dtype, step.ahead))
+                marked.owners.append(group.owner)
+                marked.places.append(group.origin + position)
             elif isinstance(step, Text):
-                place = group.origin + position
-                length = self._length(place, step.ahead)
-                if step.path:
-                    place += step.ahead + LENGTH_BYTES
-                    self._texts.setdefault(step.path, []).append((group.owner, place, length))
-                position += length
+                self._text(step, group, position)
             elif isinstance(step, Numbers):
                 self._numbers_passed(step, group, position)
             else:
                 self._repeat(step, group, position)
         if steps.ahead:
             position += steps.ahead
+
+    def _text(self, step: Text, group: _Group, position: IntArray) -> None:
+        place = group.origin + position
+        length = self._length(place, step.ahead)
+        position += length
+        if step.path:
+            place += step.ahead + LENGTH_BYTES
+            marked = self._texts.setdefault(step.path, _MarkedText())
+            marked.owners.append(group.owner)
+            marked.places.append(place)
+            marked.lengths.append(length)
 
     def _length(self, place: IntArray, ahead: int) -> NDArray[np.uint32]:
         """The lengths that lie some bytes behind places."""
@@ -176,11 +205,12 @@ class _Run:
     def _repeat(self, step: Repeat, group: _Group, position: IntArray) -> None:
         counts = self._length(group.origin + position, step.ahead).astype(np.int64)
         position += step.ahead + LENGTH_BYTES
-        self._counts.setdefault(step.path, []).append((group.owner, counts))
         alive = _alive(counts)
         # Elements of a sequence of messages are numbered through; those of a sequence within a
         # sequence carry the number of their parent.
         nested = "[]" in step.path
+        if not nested:
+            self._counts[step.path] = counts
         owner = group.owner if nested else np.cumsum(counts) - counts
         if not alive or alive[-1] == len(counts):
             self._turns(step, _Group(group.origin, owner), position, alive, nested)
@@ -197,36 +227,34 @@ class _Run:
     ) -> None:
         """The elements of a group, the first of each message, then the second."""
         for turn, count in enumerate(alive):
-            owner = group.owner[:count]
-            part = _Group(group.origin[:count], owner if nested else owner + turn)
+            part = group if count == len(position) else group.first(count)
+            if not nested:
+                part = _Group(part.origin, part.owner + turn)
             self.go(step.steps, part, position[:count])
 
-    def columns(self, messages: int) -> Columns:
+    def columns(self) -> Columns:
         """What was marked, in order."""
-        counts = {path: _Order()(pieces) for path, pieces in self._counts.items()}
-        if any(len(n) != messages for path, n in counts.items() if "[]" not in path):
-            raise WalkRefusedError("a sequence within a fixed array")
-        orders: dict[str, _Order] = {}
+        orders: dict[tuple[int, ...], _Order] = {}
+        parents: dict[str, IntArray] = {}
 
-        def ordered(path: str, pieces: Sequence[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
-            sequence = path.rpartition("[]")[0]
-            return orders.setdefault(sequence, _Order())(pieces)
+        def order(path: str, owners: Sequence[IntArray]) -> _Order:
+            # What was marked in the same turns is in the same order.
+            turns = tuple(map(id, owners))
+            if turns not in orders:
+                orders[turns] = _Order(owners)
+            parents[path.rpartition("[]")[0]] = orders[turns].owners
+            return orders[turns]
 
         numbers = {}
-        for paths, (dtype, ahead, pieces) in self._numbers.items():
-            block = self._gather(ordered(paths[0], pieces), dtype, len(paths), ahead)
+        for paths, marked in self._numbers.items():
+            places = order(paths[0], marked.owners)(marked.places)
+            block = self._gather(places, marked.dtype, len(paths), marked.ahead)
             numbers.update({path: block[:, column] for column, path in enumerate(paths)})
         texts = {}
-        for path, places in self._texts.items():
-            if all(int(length.max(initial=0)) <= 1 for _, _, length in places):
-                count = sum(len(owner) for owner, _, _ in places)
-                texts[path] = Names(np.zeros(count, dtype=np.int64), ("",))
-                continue
-            start = ordered(path, [(owner, place) for owner, place, _ in places])
-            length = ordered(path, [(owner, length) for owner, _, length in places])
-            texts[path] = self._names(start, length.astype(np.int64))
-        parents = {path: order.owners for path, order in orders.items()}
-        return Columns(counts, numbers, texts, parents)
+        for path, text in self._texts.items():
+            in_order = order(path, text.owners)
+            texts[path] = self._names(in_order, text)
+        return Columns(self._counts, numbers, texts, parents)
 
     def _gather(self, places: IntArray, dtype: str, count: int, ahead: int = 0) -> NDArray[Any]:
         """Numbers that lie side by side some bytes behind places, `(n, count)`."""
@@ -234,19 +262,19 @@ class _Run:
         rows: NDArray[Any] = gather(self._buffer, places, kind, ahead)
         return rows
 
-    def _names(self, start: IntArray, length: IntArray) -> Names:
-        letters = np.maximum(length - 1, 0)  # a zero byte ends them
-        longest = int(letters.max(initial=0))
+    def _names(self, order: _Order, marked: _MarkedText) -> Names:
+        length = np.concatenate(marked.lengths)
+        longest = int(length.max(initial=0)) - 1  # a zero byte ends them
         if longest > _LONGEST_TEXT:
             raise WalkRefusedError("a long text")
-        words = self._gather(start, "u8", -(-longest // WORD_LETTERS))
-        words &= masks(words.shape[1]).take(letters, axis=0)
-        first, codes = distinct(words)
+        if longest <= 0:
+            return Names(np.zeros(len(length), dtype=np.int64), ("",))
+        letters = np.maximum(order([length]).astype(np.int64) - 1, 0)
+        words = self._gather(order(marked.places), "u8", -(-longest // WORD_LETTERS))
         try:
-            vocabulary = tuple(words[row].tobytes().rstrip(b"\0").decode() for row in first)
+            return texts_of(words, letters)
         except UnicodeDecodeError as error:
             raise WalkRefusedError("a text is not UTF-8") from error
-        return Names(codes, vocabulary)
 
 
 def _alive(counts: IntArray) -> list[int]:
@@ -261,23 +289,21 @@ def _alive(counts: IntArray) -> list[int]:
 
 
 class _Order:
-    """Puts what was taken turn by turn in the order of its owners.
+    """Puts what was marked turn by turn in the order of its owners.
 
-    All fields of the elements of a sequence are taken in the same turns: what is worked out for the
-    first serves the others.
+    Attributes:
+        owners: `(n,)` of everything, in that order.
     """
 
-    def __init__(self) -> None:
-        self.owners: IntArray = np.zeros(0, dtype=np.int64)
+    def __init__(self, owners: Sequence[IntArray]) -> None:
+        self.owners = np.concatenate(owners)
         self._order: IntArray | None = None
+        if not (np.diff(self.owners) >= 0).all():
+            self._order = _sorting(self.owners)
+            self.owners = self.owners[self._order]
 
-    def __call__(self, pieces: Sequence[tuple[IntArray, NDArray[Any]]]) -> NDArray[Any]:
-        values = np.concatenate([value for _, value in pieces])
-        if not len(self.owners):
-            self.owners = np.concatenate([owner for owner, _ in pieces])
-            if not (np.diff(self.owners) >= 0).all():
-                self._order = _sorting(self.owners)
-                self.owners = self.owners[self._order]
+    def __call__(self, pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        values = np.concatenate(pieces)
         return values if self._order is None else values[self._order]
 
 

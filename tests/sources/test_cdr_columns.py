@@ -145,9 +145,19 @@ def test_however_many_names_there_are(kinds: int) -> None:
     assert len(walked.children.vocabulary) == kinds
 
 
-def test_texts_are_told_apart_by_all_of_their_letters() -> None:
-    # Made so that the key by which rows are told apart is the same.
-    rows = np.array([[0, 0x9E3779B97F4A7C15], [1, 0], [0, 0x9E3779B97F4A7C15]], dtype=np.uint64)
-    first, codes = cdr_texts.distinct(rows)
-    assert codes[0] == codes[2] != codes[1]
-    np.testing.assert_array_equal(rows[first][codes], rows)
+def test_texts_are_told_apart_by_all_of_their_letters_and_no_others() -> None:
+    texts = ["pedestrian", "pedestrians", "pedestriam", "car", "", "pedestrian", "ä" * 8]
+    letters = np.array([len(text.encode()) for text in texts])
+    # What follows a text in a message is anything.
+    lying = [text.encode() + bytes(range(seed, seed + 16)) for seed, text in enumerate(texts)]
+    words = np.array([np.frombuffer(row[:16], dtype="<u8") for row in lying])
+    names = cdr_texts.texts_of(words, letters)
+    assert names.to_list() == texts
+    assert len(names.vocabulary) == 6
+
+
+def test_numbers_of_a_fixed_array_are_no_column() -> None:
+    with pytest.raises(WalkRefusedError, match="is in a fixed array"):
+        CdrWalk(
+            STORES["humble"], "geometry_msgs/msg/PoseWithCovarianceStamped", ["pose.covariance[]"]
+        )
