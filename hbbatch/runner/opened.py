@@ -12,7 +12,7 @@ from hbbatch.errors import SourceError, UsageError, report_defect
 from hbbatch.sources.base import Source, SourceOptions, source_errors
 from hbbatch.sources.classes import load_taxonomy
 from hbbatch.sources.decoding import check_definitions
-from hbbatch.sources.detect import open_sources
+from hbbatch.sources.detect import open_sources, told_apart
 from hbbatch.sources.mapping import detection_messages
 
 _Result = TypeVar("_Result")
@@ -57,6 +57,8 @@ class OpenedSources:
 def open_all(paths: Sequence[Path], options: SourceOptions) -> OpenedSources:
     """All sources at and below some paths; one that is there twice is read once.
 
+    Logs of the same name in different folders are told apart by the names of the folders.
+
     Raises:
         UsageError: an option names a file or release that cannot be used, or is given and concerns
             none of them.
@@ -71,7 +73,7 @@ def open_all(paths: Sequence[Path], options: SourceOptions) -> OpenedSources:
             # A link that leads in circles has no end to be known by.
             known_by = source.path.resolve() if source.path.exists() else source.path
             once.setdefault(known_by, source)
-    opened.sources += once.values()
+    opened.sources += told_apart(once.values())
     if not opened.errors and opened.sources:
         _refuse_idle(opened.sources, options)
     return opened

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import os
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final
 
+from hbbatch.dataset.store import safe_name
 from hbbatch.errors import SourceChoiceError, SourceError
 from hbbatch.sources.bag import BagLog, is_bag_file
 from hbbatch.sources.base import (
@@ -21,7 +23,13 @@ from hbbatch.sources.kitti import KittiSource, is_kitti_folder
 from hbbatch.sources.kitti_raw import KittiRawSource, is_kitti_raw_drive
 from hbbatch.sources.log import LogSource
 from hbbatch.sources.mcap import McapLog, is_mcap_file
-from hbbatch.sources.rosbag2 import PackedLog, Rosbag2Log, is_packed_log, is_rosbag2_folder
+from hbbatch.sources.rosbag2 import (
+    PackedLog,
+    Rosbag2Log,
+    is_packed_log,
+    is_rosbag2_folder,
+    log_stem,
+)
 from hbbatch.sources.sqlite import Db3Log, is_db3_file
 
 
@@ -123,18 +131,41 @@ def open_sources(path: Path, options: SourceOptions) -> list[Source]:
         sources = list(_open_below(path, options))
     if not sources:
         raise _not_understood(path)
-    return _told_apart(sources, path)
+    return _told_apart_below(sources, path)
 
 
-def _told_apart(sources: Sequence[Source], root: Path) -> list[Source]:
+def told_apart(sources: Iterable[Source]) -> list[Source]:
+    """Sources that were given side by side, logs of the same name named by their folders.
+
+    The folders are those below the deepest one that all logs of that name are in.
+    """
+    named = list(sources)
+    folders: defaultdict[str, list[Path]] = defaultdict(list)
+    for source in named:
+        if isinstance(source, LogSource):
+            folders[source.stem].append(source.path.parent.resolve())
+    roots = {stem: Path(os.path.commonpath(same)) for stem, same in folders.items()}
+    return [
+        _named_below(s, s.path.parent.resolve().relative_to(roots[s.stem]))
+        if isinstance(s, LogSource) and len(folders[s.stem]) > 1
+        else s
+        for s in named
+    ]
+
+
+def _told_apart_below(sources: Sequence[Source], root: Path) -> list[Source]:
     """The sources, where logs of the same name are named by their path below the root."""
     counts = Counter(s.stem for s in sources if isinstance(s, LogSource))
     return [
-        replace(s, name="-".join([*s.path.relative_to(root).parent.parts, s.stem]))
+        _named_below(s, s.path.relative_to(root).parent)
         if isinstance(s, LogSource) and counts[s.stem] > 1
         else s
         for s in sources
     ]
+
+
+def _named_below(source: LogSource, folder: Path) -> LogSource:
+    return replace(source, name="-".join([*folder.parts, safe_name(log_stem(source.path))]))
 
 
 def _not_understood(path: Path) -> SourceError:

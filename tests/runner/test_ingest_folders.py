@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import zstandard
 
 from hbbatch.dataset import Dataset
 from hbbatch.errors import ExitStatus
@@ -77,6 +78,33 @@ def test_logs_of_the_same_name_are_named_with_their_folders(tmp_path: Path) -> N
     assert ingested == dict.fromkeys(("a-drive", "b-c-drive", "other", "drive"), "ingested")
     again = statuses(ingest([tmp_path / "logs"], tmp_path / "out"))
     assert again == dict.fromkeys(ingested, "unchanged")
+
+
+def test_logs_of_the_same_name_given_side_by_side(tmp_path: Path) -> None:
+    paths = [write_log(tmp_path / name) for name in ("a/drive.mcap", "b/c/drive.mcap", "b/x.mcap")]
+    ingested = statuses(ingest(paths, tmp_path / "out"))
+    assert ingested == dict.fromkeys(("a-drive", "b-c-drive", "x"), "ingested")
+    again = statuses(ingest(paths[::-1], tmp_path / "out"))
+    assert again == dict.fromkeys(ingested, "unchanged")
+
+
+def test_folders_given_side_by_side_that_name_their_logs_alike(tmp_path: Path) -> None:
+    days = [tmp_path / "mon", tmp_path / "tue"]
+    for day in days:
+        write_log(day / "a" / "drive.mcap")
+        write_log(day / "b" / "drive.mcap")
+    ingested = statuses(ingest(days, tmp_path / "out"))
+    assert ingested == dict.fromkeys(
+        ("mon-a-drive", "mon-b-drive", "tue-a-drive", "tue-b-drive"), "ingested"
+    )
+
+
+def test_logs_of_the_same_name_in_one_folder_collide(tmp_path: Path) -> None:
+    one, other = write_log(tmp_path / "drive.mcap"), tmp_path / "drive.mcap.zstd"
+    other.write_bytes(zstandard.compress(one.read_bytes()))
+    report = ingest([one, other], tmp_path / "out")
+    assert [outcome.status.value for outcome in report.outcomes] == ["ingested", "failed"]
+    assert f"sequence drive is also in {one}" in report.errors[0]
 
 
 def test_names_of_any_alphabet_are_told_apart(tmp_path: Path) -> None:
