@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +16,8 @@ from hbbatch.evaluation.persistence import persistent
 from hbbatch.evaluation.verdicts import NOT_JUDGED, RIGHT, verdicts
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.projection import Camera
-from hbbatch.tracking.confidence import features, fit, has_detection, scale_of
+from hbbatch.runner.confidence_fit import fit
+from hbbatch.tracking.confidence import features, has_detection, scale_of
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
 FEWEST_DETECTIONS: Final = 100
@@ -117,28 +118,33 @@ def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, KindConfidence
 
 def _learned(lessons_of: Sequence[Sequence[Lesson]]) -> dict[str, ConfidenceWeights]:
     """Weights by kind from lessons of each detector; nothing where there are too few."""
-    everything = _together(lessons_of)
-    if everything is None:
+    given, right, weight = _together(lessons_of)
+    if min(right.sum(), (~right).sum()) < FEWEST_BOXES:
         return {}
-    common = fit(*everything)
+    common = fit(given, right, weight)
     of_kind = {}
     for kind in sorted({lesson.kind for lessons in lessons_of for lesson in lessons}):
         own = _together([[q for q in lessons if q.kind == kind] for lessons in lessons_of])
-        of_kind[kind] = common if own is None else fit(*own, common)
+        of_kind[kind] = fit(*own, common) if len(own.right) else common
     return of_kind
 
 
-def _together(
-    by_detector: Sequence[Sequence[Lesson]],
-) -> tuple[FloatArray, NDArray[np.bool_], FloatArray] | None:
-    """Features, truth and weights of all boxes; None where right or wrong ones are too few."""
-    parts = []
-    for of_detector in by_detector:
+class _Boxes(NamedTuple):
+    """Features `(n, 8)` of boxes, whether they are right, how much each counts."""
+
+    given: FloatArray
+    right: NDArray[np.bool_]
+    weight: FloatArray
+
+
+def _together(lessons_of: Sequence[Sequence[Lesson]]) -> _Boxes:
+    """All boxes of all detectors, every detector counting the same."""
+    parts = [
+        _Boxes(np.empty((0, len(ConfidenceWeights.model_fields))), np.empty(0, bool), np.empty(0))
+    ]
+    for of_detector in lessons_of:
         if of_detector:
             right = np.concatenate([lesson.right for lesson in of_detector])
             given = np.concatenate([lesson.features for lesson in of_detector])
-            parts.append((given, right, np.full(len(right), 1 / max(len(right), 1))))
-    if not parts:
-        return None
-    given, right, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return (given, right, weight) if min(right.sum(), (~right).sum()) >= FEWEST_BOXES else None
+            parts.append(_Boxes(given, right, np.full(len(right), 1 / max(len(right), 1))))
+    return _Boxes(*(np.concatenate(column) for column in zip(*parts, strict=True)))

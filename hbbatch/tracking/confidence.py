@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from hbbatch.boxes import FloatArray
 from hbbatch.config import (
     NEARLY_SURE,
-    ConfidenceWeights,
     KindConfidence,
     OutputSettings,
     ProtocolName,
@@ -41,12 +40,6 @@ _RANGE_UNIT_M: Final = 50.0
 _LONGEST_UNSEEN_S: Final = 2.0
 _UNSEEN: Final = 7
 """Column of the time without a detection."""
-
-_RIDGE: Final = 1e-3
-_PRIOR_ROWS: Final = 10.0
-"""How hard a fit of n rows is pulled towards its prior: this many over n."""
-
-_NEWTON_STEPS: Final = 30
 
 
 def confidence(
@@ -111,7 +104,7 @@ def judged(given: FloatArray, weights: KindConfidence) -> FloatArray:
     detected = given @ np.array(weights.detected.in_order())
     undetected = given @ np.array(weights.undetected.in_order())
     evidence = np.where(has_detection(given), detected, undetected)
-    probability: FloatArray = 1.0 / (1.0 + np.exp(-evidence))
+    probability: FloatArray = np.exp(-np.logaddexp(0.0, -evidence))
     return probability
 
 
@@ -133,37 +126,6 @@ def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | No
     if not _linear(typical, probability) < _linear(strong, probability):
         return None
     return ScoreScale(typical=float(typical), strong=float(strong), probability=probability)
-
-
-def fit(
-    given: FloatArray,
-    right: NDArray[np.bool_],
-    weight: FloatArray,
-    prior: ConfidenceWeights | None = None,
-) -> ConfidenceWeights:
-    """Weights by weighted maximum likelihood, with a ridge (Newton's method).
-
-    Args:
-        given: `features` `(n, 8)`.
-        right: `(n,)` whether the box is right.
-        weight: `(n,)` how much each row counts.
-        prior: what the ridge pulls towards, the harder the fewer rows there are; by default
-            slightly towards none.
-    """
-    weight = weight / weight.sum()
-    if prior is None:
-        start = np.zeros(given.shape[1])
-        ridge = _RIDGE * np.diag([0.0, *np.ones(given.shape[1] - 1)])
-    else:
-        start = np.array(prior.in_order())
-        ridge = (_RIDGE + _PRIOR_ROWS / len(given)) * np.eye(given.shape[1])
-    solution = start.copy()
-    for _ in range(_NEWTON_STEPS):
-        probability = 1.0 / (1.0 + np.exp(-np.clip(given @ solution, -30.0, 30.0)))
-        gradient = given.T @ (weight * (probability - right)) + ridge @ (solution - start)
-        curvature = (given.T * (weight * probability * (1.0 - probability))) @ given + ridge
-        solution -= np.linalg.solve(curvature + 1e-9 * np.eye(len(solution)), gradient)
-    return ConfidenceWeights.from_order([round(float(value), 4) for value in solution])
 
 
 def _comparable(score: FloatArray, scale: ScoreScale) -> FloatArray:
