@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from hypothesis import settings
+
+from hbbatch.packed.kernels import AVAILABLE
 
 # CI judges a change, not its luck: there the examples are always the same ones.
 settings.register_profile("ci", derandomize=True)
@@ -25,3 +29,14 @@ def test_data() -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return folder
+
+
+@pytest.fixture(scope="session")
+def kernels() -> ModuleType:
+    """The compiled kernels; needed in CI, elsewhere tests of them are skipped without."""
+    if not AVAILABLE:
+        message = "the kernels are not compiled; install with a C compiler"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    return import_module("hbbatch.packed._kernels")

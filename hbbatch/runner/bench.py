@@ -21,6 +21,7 @@ import numpy as np
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
 from hbbatch.errors import HbbatchError
+from hbbatch.packed.kernels import AVAILABLE
 from hbbatch.runner.bench_end_to_end import end_to_end, start_up, two_at_once
 from hbbatch.runner.bench_report import Table
 from hbbatch.runner.dealing import SequenceJob
@@ -97,6 +98,7 @@ def _machine(workload: Workload) -> Table:
         "This core",
         ("figure", "value"),
         [
+            ("compiled kernels", "in use" if AVAILABLE else "not built: numpy instead"),
             ("float32 matrix product, 1024³", f"{big / 1e9:.1f} G multiply-adds/s"),
             ("float32 matrix product, 128 x 95 x 100", f"{small / 1e9:.1f} G multiply-adds/s"),
             ("copy of 64 MB, bytes read and written", f"{copy_rate(64_000_000) / 1e9:.1f} GB/s"),

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray, X
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.costs import COSTS, PLAN, reach_m, shapes_of
+from hbbatch.packed.kernels import AVAILABLE
+from hbbatch.tracking.costs import COSTS, PLAN, reach_m, reach_over_radius, shapes_of
 
 IntArray = NDArray[np.int64]
 
@@ -54,9 +55,8 @@ class Targets(NamedTuple):
     low_m: float
     high_m: float
 
-    def batch(self, start: int, stop: int) -> Targets:
+    def batch(self, rows: slice) -> Targets:
         """One of the batches that `lay_out` kept apart."""
-        rows = slice(start, stop)
         return Targets(
             self.shapes[:, rows],
             self.reach_m[rows],
@@ -131,15 +131,32 @@ def associate(
     Returns:
         Matched pairs, at most one a track and one a detection, the cheapest first.
     """
-    return match(priors, track_block, lay_out(detections, detection_block, settings), settings)
+    targets = lay_out(detections, detection_block, settings)
+    return match(priors, track_block, targets, slice(0, len(detections)), settings)
 
 
 def match(
+    priors: FloatArray,
+    track_block: IntArray,
+    targets: Targets,
+    part: slice,
+    settings: AssociationSettings,
+) -> Pairs:
+    """`associate` with one of the batches that `lay_out` kept apart.
+
+    The default cost is compiled where there was a compiler, all others are not.
+    """
+    if not len(priors) or part.start == part.stop:
+        return Pairs.none()
+    if AVAILABLE and settings.cost == "ciou_3d":
+        return match_compiled(priors, track_block, targets, part, settings.threshold)
+    return match_any_cost(priors, track_block, targets.batch(part), settings)
+
+
+def match_any_cost(
     priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
 ) -> Pairs:
-    """`associate` with the detections laid out already."""
-    if not len(targets.order):
-        return Pairs.none()
+    """`match` with all detections laid out, in numpy."""
     shapes = shapes_of(priors)
     reach = reach_m(shapes, settings.cost, settings.threshold)
     pairs = candidates(shapes[PLAN], track_block, reach, targets)
@@ -149,6 +166,33 @@ def match(
     affordable = np.count_nonzero(costs < settings.threshold)
     found = greedy(pairs.take(costs.argsort(kind="stable")[:affordable]))
     return Pairs(found.track, targets.order[found.detection])
+
+
+def match_compiled(
+    priors: FloatArray, track_block: IntArray, targets: Targets, part: slice, threshold: float
+) -> Pairs:
+    """`match` with the cost ciou_3d, by the compiled kernel."""
+    from hbbatch.packed import _kernels
+
+    found = np.empty((2, min(len(priors), part.stop - part.start)), np.int64)
+    count = _kernels.match(
+        np.ascontiguousarray(priors.T),
+        np.ascontiguousarray(track_block),
+        targets.shapes,
+        targets.reach_m,
+        targets.key,
+        targets.order,
+        found[0],
+        found[1],
+        part.start,
+        part.stop,
+        targets.widest_m[part.start],
+        targets.low_m,
+        targets.high_m,
+        reach_over_radius(threshold),
+        threshold,
+    )
+    return Pairs(found[0, :count], found[1, :count])
 
 
 def candidates(

@@ -6,6 +6,7 @@ pair, a column a box.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -54,11 +55,15 @@ def reach_m(shapes: FloatArray, cost: CostName, threshold: float) -> FloatArray:
     """
     if cost in ("l2", "l2_size"):
         return np.full(shapes.shape[1], 0.5 * threshold)
-    ratio = min(np.sqrt(max(threshold - 1.0, 0.0)), 0.9)
-    stretch = max(1.0, np.sqrt(2.0) * ratio / (1.0 - ratio))
     radius = np.sqrt(_squared(shapes[_HALF]))
-    radius *= stretch
+    radius *= reach_over_radius(threshold)
     return radius
+
+
+def reach_over_radius(threshold: float) -> float:
+    """How far a box can be matched by CIoU, over the radius of its circumscribed sphere."""
+    ratio = min(math.sqrt(max(threshold - 1.0, 0.0)), 0.9)
+    return max(1.0, math.sqrt(2.0) * ratio / (1.0 - ratio))
 
 
 def ciou_3d(priors: FloatArray, detections: FloatArray) -> FloatArray:

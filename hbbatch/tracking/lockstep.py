@@ -44,6 +44,7 @@ class LockStep:
         self._settings = settings
         self._rows = RowTable()
         self._recorder = Recorder(plan, bank)
+        self._offsets = plan.offsets.tolist()
         sequences = len(plan.first_step)
         self._next_id = np.ones(sequences, np.int64)
         self._work = np.zeros(sequences)
@@ -94,11 +95,8 @@ class LockStep:
 
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
         """Matched (row, detection number of the group)."""
-        start, stop = self._plan.offsets[step], self._plan.offsets[step + 1]
-        if start == stop:
-            return Pairs.none()
-        targets = self._targets.batch(start, stop)
-        return match(priors, self._rows.block, targets, self._settings.association)
+        part = slice(self._offsets[step], self._offsets[step + 1])
+        return match(priors, self._rows.block, self._targets, part, self._settings.association)
 
     def _settle(self, pairs: Pairs) -> int:
         """Count misses; matched rows go to the front, those that die now to the end.
@@ -122,12 +120,12 @@ class LockStep:
 
     def _manage(self, step: int, matched: IntArray, alive: int) -> None:
         """Record what is said, bury the dead, add the newborn."""
-        plan, rows = self._plan, self._rows
+        rows = self._rows
         self._record(step, matched)
         if alive < len(rows):
             rows.truncate(alive)
             self._bank.truncate(alive)
-        start, stop = plan.offsets[step], plan.offsets[step + 1]
+        start, stop = self._offsets[step], self._offsets[step + 1]
         free = np.ones(stop - start, bool)
         free[matched - start] = False
         (newborn,) = free.nonzero()

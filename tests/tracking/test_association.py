@@ -102,7 +102,7 @@ def test_batches_laid_out_together_match_as_if_alone() -> None:
     targets = lay_out(detections, block, settings, batch)
     for start in (0, 30):
         part = slice(start, start + 30)
-        found = match(priors, block[:30], targets.batch(start, start + 30), settings)
+        found = match(priors, block[:30], targets, part, settings)
         alone = associate(priors, block[:30], detections[part], block[part], settings)
         there = {(track, detection + start) for track, detection in zip(*alone, strict=True)}
         assert set(zip(*found, strict=True)) == there

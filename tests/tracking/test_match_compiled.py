@@ -1,0 +1,154 @@
+"""The compiled matching against the one in numpy, and what it refuses."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hbbatch.config import AssociationSettings
+from hbbatch.tracking.association import Targets, lay_out, match_any_cost, match_compiled
+from tests.tracking.test_association import boxes_around, cost_of
+
+pytestmark = pytest.mark.usefixtures("kernels")
+
+PAIR_TOLERANCE = 1e-9
+"""Costs this near may be taken in either order: sines are rounded in different ways."""
+
+
+def assert_same_pairs(
+    priors: np.ndarray,
+    track_block: np.ndarray,
+    detections: np.ndarray,
+    detection_block: np.ndarray,
+    threshold: float = 1.3,
+    start: int = 0,
+) -> int:
+    """Both match alike, or pairs that cost the same; how many pairs there are."""
+    settings = AssociationSettings(cost="ciou_3d", max_cost=threshold)
+    batch = np.repeat([0, 1], [start, len(detections) - start])
+    targets = lay_out(detections, detection_block, settings, batch)
+    part = slice(start, len(detections))
+    assert settings.threshold == threshold
+    slow = match_any_cost(priors, track_block, targets.batch(part), settings)
+    fast = match_compiled(priors, track_block, targets, part, threshold)
+    if not all(np.array_equal(*columns) for columns in zip(slow, fast, strict=True)):
+        costs = [
+            np.sort(cost_of("ciou_3d", priors[pairs.track], detections[pairs.detection]))
+            for pairs in (slow, fast)
+        ]
+        assert costs[1] == pytest.approx(costs[0], abs=PAIR_TOLERANCE)
+    return len(fast.track)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 60), st.integers(1, 60), st.floats(1.0, 1.9))
+def test_crowds(seed: int, tracks: int, detections: int, threshold: float) -> None:
+    rng = np.random.default_rng(seed)
+    start = int(rng.integers(0, detections))
+    assert_same_pairs(
+        boxes_around(rng, tracks),
+        rng.integers(0, 3, tracks),
+        boxes_around(rng, detections),
+        rng.integers(0, 3, detections),
+        threshold,
+        start,
+    )
+
+
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 1e5]))
+def test_detections_near_their_tracks_half_turned(seed: int, far_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    priors = boxes_around(rng, 30) + np.array([far_m, -far_m, 0, 0, 0, 0, 0])
+    detections = priors + rng.normal(0, 0.05, priors.shape)
+    detections[:, 6] += np.pi * rng.integers(-1, 2, 30)
+    order = rng.permutation(30)
+    block = np.zeros(30, np.int64)
+    assert assert_same_pairs(priors, block, detections[order], block) >= 25
+
+
+@given(st.integers(0, 10**6))
+def test_boxes_on_a_grid_share_edges_and_corners(seed: int) -> None:
+    """Sizes and places that are whole metres, headings that are quarter turns."""
+    rng = np.random.default_rng(seed)
+
+    def boxes(count: int) -> np.ndarray:
+        found = np.zeros((count, 7))
+        found[:, :2] = rng.integers(-4, 5, (count, 2))
+        found[:, 3:6] = rng.integers(1, 4, (count, 3))
+        found[:, 6] = 0.5 * np.pi * rng.integers(-2, 3, count)
+        return found
+
+    block = np.zeros(20, np.int64)
+    assert_same_pairs(boxes(20), block, boxes(15), block[:15])
+
+
+def test_far_blocks() -> None:
+    """Blocks of many sequences lie far apart in the layout, and each finds its own."""
+    rng = np.random.default_rng(0)
+    priors = boxes_around(rng, 200)
+    block = rng.integers(0, 10**6, 200)
+    found = assert_same_pairs(priors, block, priors + 0.01, block)
+    assert found > 190
+
+
+@pytest.mark.parametrize(("tracks", "detections"), [(0, 5), (5, 0), (0, 0)])
+def test_empty_sides(tracks: int, detections: int) -> None:
+    rng = np.random.default_rng(1)
+    targets = lay_out(boxes_around(rng, 8), np.zeros(8, np.int64), AssociationSettings())
+    priors, block = boxes_around(rng, tracks), np.zeros(tracks, np.int64)
+    assert not len(match_compiled(priors, block, targets, slice(2, 2 + detections), 1.3).track)
+
+
+def arguments(targets: Targets) -> list[Any]:
+    rows = np.empty((2, 4), np.int64)
+    return [
+        *(np.ones((7, 4)), np.zeros(4, np.int64), targets.shapes, targets.reach_m, targets.key),
+        *(targets.order, rows[0], rows[1], 0, 6, 3.0, 0.0, 1.0, 1.0, 1.3),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong"),
+    [
+        (0, np.ones((6, 4))),
+        (0, np.ones((4, 7)).T),
+        (0, np.ones((7, 4), np.float32)),
+        (0, np.ones(28)),
+        (0, "priors"),
+        (1, np.zeros(3, np.int64)),
+        (1, np.zeros(4, np.int32)),
+        (2, np.zeros((12, 12))[:, ::2]),
+        (2, np.zeros((11, 6))),
+        (3, np.zeros(5)),
+        (4, np.zeros(7)),
+        (5, np.zeros(5, np.int64)),
+        (6, np.zeros(3, np.int64)),
+        (7, np.zeros(3, np.int64)),
+        (8, -1),
+        (9, 7),
+        (8, 7),
+        (12, "1"),
+    ],
+)
+def test_what_does_not_fit_is_refused(kernels: ModuleType, place: int, wrong: object) -> None:
+    detections = boxes_around(np.random.default_rng(2), 6)
+    targets = lay_out(detections, np.zeros(6, np.int64), AssociationSettings())
+    right = arguments(targets)
+    assert kernels.match(*right) >= 0
+    right[place] = wrong
+    with pytest.raises((ValueError, TypeError)):
+        kernels.match(*right)
+    with pytest.raises(ValueError, match="number of arguments"):
+        kernels.match(*right[:-1])
+
+
+def test_what_is_written_must_be_writable(kernels: ModuleType) -> None:
+    detections = boxes_around(np.random.default_rng(3), 6)
+    right = arguments(lay_out(detections, np.zeros(6, np.int64), AssociationSettings()))
+    right[6].flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        kernels.match(*right)
