@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import pyarrow as pa
 from pydantic import Field
@@ -183,13 +183,12 @@ def run_study(study: StudySettings, progress: Progress = lambda _: None) -> Stud
     _check_there(root for variant in study.variants for root in variant.also)
     materials = {name: _material(root, study.classes) for name, root in study.datasets.items()}
     folds = _folds(materials, study.folds)
-    report = StudyReport()
     with tempfile.TemporaryDirectory() as folder:
+        judge = _Judge(study, materials, folds, Path(folder), progress)
         for seed in study.seeds:
             for variant in study.variants:
-                judge = _Judge(study, materials, folds, Path(folder), report, progress)
                 judge.run(variant, seed)
-    return report
+    return judge.report
 
 
 def _check_there(roots: Iterable[Path]) -> None:
@@ -198,16 +197,30 @@ def _check_there(roots: Iterable[Path]) -> None:
         Dataset.open(root)
 
 
+class _Made(NamedTuple):
+    """Weights that were trained, and what they are worth on what was held out."""
+
+    path: Path
+    judgement: Judgement
+    parameters: int
+
+
 @dataclass(frozen=True)
 class _Judge:
-    """What judging any variant needs."""
+    """What judging any variant needs, and what was found so far.
+
+    Attributes:
+        made: trained weights by what they were trained with: variants that only track differently
+            share them.
+    """
 
     study: StudySettings
     materials: Mapping[str, _Material]
     folds: list[list[str]]
     folder: Path
-    report: StudyReport
     progress: Progress
+    report: StudyReport = field(default_factory=StudyReport)
+    made: dict[str, _Made] = field(default_factory=dict)
 
     def run(self, variant: Variant, seed: int) -> None:
         """Train on all folds but one, track that one, in turn; score all folds together."""
@@ -265,11 +278,16 @@ class _Judge:
             _, held_out = labelled_sequences(roots).split(fold)
             self._note(variant, judged(motion, held_out), file.header.about.get("parameters", 0))
             return file.path
-        weights = self.folder / "fold.safetensors"
         settings = TrainSettings.model_validate({**variant.train, "seed": seed})
-        trained = train(roots, weights, settings, kind=variant.filter, hold_out=fold)
-        self._note(variant, Judgement(trained.errors, trained.calibration), trained.parameters)
-        return weights
+        with_what = repr((variant.filter, settings, roots, fold))
+        if with_what not in self.made:
+            path = self.folder / f"{len(self.made)}.safetensors"
+            done = train(roots, path, settings, kind=variant.filter, hold_out=fold)
+            judgement = Judgement(done.errors, done.calibration)
+            self.made[with_what] = _Made(path, judgement, done.parameters)
+        made = self.made[with_what]
+        self._note(variant, made.judgement, made.parameters)
+        return made.path
 
     def _note(self, variant: Variant, judgement: Judgement, parameters: int) -> None:
         self.report.errors.setdefault(variant.name, []).append(judgement.errors)
