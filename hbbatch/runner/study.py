@@ -197,10 +197,9 @@ def _check_there(roots: Iterable[Path]) -> None:
         Dataset.open(root)
 
 
-class _Made(NamedTuple):
-    """Weights that were trained, and what they are worth on what was held out."""
+class _Judged(NamedTuple):
+    """What a filter is worth on what was held out, and how large it is."""
 
-    path: Path
     judgement: Judgement
     parameters: int
 
@@ -210,8 +209,8 @@ class _Judge:
     """What judging any variant needs, and what was found so far.
 
     Attributes:
-        made: trained weights by what they were trained with: variants that only track differently
-            share them.
+        trained: weights by what they were trained with: variants may only track differently.
+        judged: what weights are worth, by their path and the fold held out.
     """
 
     study: StudySettings
@@ -220,7 +219,8 @@ class _Judge:
     folder: Path
     progress: Progress
     report: StudyReport = field(default_factory=StudyReport)
-    made: dict[str, _Made] = field(default_factory=dict)
+    trained: dict[str, Path] = field(default_factory=dict)
+    judged: dict[tuple[Any, ...], _Judged] = field(default_factory=dict)
 
     def run(self, variant: Variant, seed: int) -> None:
         """Train on all folds but one, track that one, in turn; score all folds together."""
@@ -269,30 +269,35 @@ class _Judge:
         }
 
     def _weights(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
-        """Weights to track a fold with; what they are off by there is noted."""
+        """Weights to track a fold with; how far off they are there, on all datasets, is noted."""
+        if variant.weights is None:
+            path = self._trained(variant, seed, fold)
+        else:
+            path = open_weights(variant.filter, variant.weights, None).path
+        if (path, *fold) not in self.judged:
+            self.judged[path, *fold] = self._judged(variant, path, fold)
+        found = self.judged[path, *fold]
+        self.report.errors.setdefault(variant.name, []).append(found.judgement.errors)
+        self.report.calibration.setdefault(variant.name, []).append(found.judgement.calibration)
+        self.report.parameters[variant.name] = found.parameters
+        return path
+
+    def _trained(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
+        """Weights trained without a fold, unless another variant was trained alike."""
         names = variant.train_on or self.study.datasets
         roots = [*(self.study.datasets[name] for name in names), *variant.also]
-        if variant.weights is not None:
-            file = open_weights(variant.filter, variant.weights, None)
-            motion = build_loaded(file)
-            _, held_out = labelled_sequences(roots).split(fold)
-            self._note(variant, judged(motion, held_out), file.header.about.get("parameters", 0))
-            return file.path
         settings = TrainSettings.model_validate({**variant.train, "seed": seed})
-        with_what = repr((variant.filter, settings, roots, fold))
-        if with_what not in self.made:
-            path = self.folder / f"{len(self.made)}.safetensors"
-            done = train(roots, path, settings, kind=variant.filter, hold_out=fold)
-            judgement = Judgement(done.errors, done.calibration)
-            self.made[with_what] = _Made(path, judgement, done.parameters)
-        made = self.made[with_what]
-        self._note(variant, made.judgement, made.parameters)
-        return made.path
+        alike = repr((variant.filter, settings, roots, fold))
+        if alike not in self.trained:
+            self.trained[alike] = self.folder / f"{len(self.trained)}.safetensors"
+            train(roots, self.trained[alike], settings, kind=variant.filter, hold_out=fold)
+        return self.trained[alike]
 
-    def _note(self, variant: Variant, judgement: Judgement, parameters: int) -> None:
-        self.report.errors.setdefault(variant.name, []).append(judgement.errors)
-        self.report.calibration.setdefault(variant.name, []).append(judgement.calibration)
-        self.report.parameters[variant.name] = parameters
+    def _judged(self, variant: Variant, path: Path, fold: Sequence[str]) -> _Judged:
+        _, held_out = labelled_sequences(list(self.study.datasets.values())).split(fold)
+        file = open_weights(variant.filter, str(path), None)
+        judgement = judged(build_loaded(file), held_out)
+        return _Judged(judgement, file.header.about.get("parameters", 0))
 
 
 def _material(root: Path, classes: Sequence[str]) -> _Material:
