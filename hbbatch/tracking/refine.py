@@ -92,11 +92,12 @@ def _least_by_class(cut: ScoreCut, class_names: Sequence[str]) -> FloatArray:
 def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
     """Every box of a track gets the track's median length, width and height: objects are rigid."""
     boxes = tracks.boxes.copy()
-    order = np.argsort(tracks.track_id, kind="stable")
-    starts = np.flatnonzero(np.diff(tracks.track_id[order], prepend=-1))
-    for rows in np.split(order, starts[1:]):
-        if len(rows):
-            boxes[rows, LENGTH : HEIGHT + 1] = np.median(boxes[rows, LENGTH : HEIGHT + 1], axis=0)
+    _, track, count = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
+    first = np.cumsum(count) - count
+    for column in range(LENGTH, HEIGHT + 1):
+        ranked = boxes[np.lexsort((boxes[:, column], track)), column]
+        median = 0.5 * (ranked[first + (count - 1) // 2] + ranked[first + count // 2])
+        boxes[:, column] = median[track]
     return replace(tracks, boxes=boxes)
 
 

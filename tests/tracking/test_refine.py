@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hbbatch.config import OutputSettings, ScoreScale
 from hbbatch.tracking.evidence import score_so_far
@@ -56,6 +58,17 @@ def test_sizes_become_the_median_of_the_track() -> None:
     rows.append((0, 2, 1.0, box(5, length=7.0)))
     settled = settle_sizes(tracks(rows))
     assert settled.boxes[:, 3].tolist() == [4.2, 4.2, 4.2, 7.0]
+
+
+@given(st.lists(st.tuples(st.integers(1, 4), st.floats(0.5, 20.0)), max_size=30))
+def test_sizes_are_numpys_medians(rows: list[tuple[int, float]]) -> None:
+    boxes = [(f, track, 1.0, box(0, length=length)) for f, (track, length) in enumerate(rows)]
+    unsettled = tracks(boxes) if boxes else SequenceTracks.empty()
+    settled = settle_sizes(unsettled)
+    for number in range(1, 5):
+        mine = unsettled.track_id == number
+        if mine.any():
+            assert (settled.boxes[mine, 3] == np.median(unsettled.boxes[mine, 3])).all()
 
 
 def test_short_and_low_scored_tracks_are_left_out() -> None:
