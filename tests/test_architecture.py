@@ -59,6 +59,23 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
     assert loaded_after(code) <= {"pydantic"}
 
 
+def test_a_worker_is_started_before_anything_heavy_is_imported() -> None:
+    """Both processes then load at the same time."""
+    assert loaded_after("from hbbatch.runner.processes import started_ahead") == set()
+    code = (
+        "from hbbatch.cli.track import track\n"
+        "from hbbatch.runner import processes\n"
+        "def started_ahead(workers):\n"
+        "    raise SystemExit(0 if workers == 3 else 1)\n"
+        "processes.started_ahead = started_ahead\n"
+        "try:\n"
+        "    track(workers=3)\n"
+        "except SystemExit as end:\n"
+        "    assert end.code == 0"
+    )
+    assert loaded_after(code) <= {"pydantic"}
+
+
 def test_planning_a_run_needs_no_torch() -> None:
     """So that a command that finds nothing to do answers soon."""
     code = "import sys, hbbatch.runner.track, hbbatch.runner.jobfile; print('torch' in sys.modules)"

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-import sys
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
-from typing import Final, Protocol
+from typing import Protocol
 
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.dealing import Group
+from hbbatch.runner.processes import Standby, WorkerProcess
 from hbbatch.runner.worker import LoadedTracker, Order, Outcome, track_group
-
-_SPAWN: Final = multiprocessing.get_context("spawn")
-_PATIENCE_S: Final = 5.0
-"""How long a worker may take to stop when asked to."""
 
 
 class Executor(Protocol):
@@ -50,8 +43,15 @@ class ProcessExecutor:
     failed, and a fresh worker goes on with the groups that are left.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, standby: Standby | None = None) -> None:
+        """Start no process yet.
+
+        Args:
+            workers: processes at most.
+            standby: where they come from.
+        """
         self._workers = workers
+        self._standby = standby or Standby()
 
     def run(self, order: Order, groups: Sequence[Group]) -> Generator[Outcome, None, None]:
         """See `Executor.run`."""
@@ -59,62 +59,55 @@ class ProcessExecutor:
         crew: dict[Connection, _Worker] = {}
         try:
             while queue or crew:
-                while queue and len(crew) < self._workers:
-                    worker = _Worker.start(order, _free_number(crew))
-                    crew[worker.pipe] = worker
+                for worker in self._hired(crew, len(queue)):
+                    worker.hire(order)
                     worker.give(queue)
                 for pipe in wait(list(crew)):
                     yield from _hear(crew, queue, crew[pipe])  # type: ignore[index]
         finally:
             for worker in crew.values():
-                worker.stop()
+                worker.process.stop()
+
+    def _hired(self, crew: dict[Connection, _Worker], groups: int) -> list[_Worker]:
+        """Workers that join the crew, one a group as far as there is room.
+
+        All are started before the first is talked to: one that is loading does not listen yet.
+        """
+        hired: list[_Worker] = []
+        while len(hired) < groups and len(crew) < self._workers:
+            worker = _Worker(_free_number(crew), self._standby.take())
+            crew[worker.pipe] = worker
+            hired.append(worker)
+        return hired
 
 
 @dataclass
 class _Worker:
-    """A worker process as its parent sees it."""
+    """A process at work, and what it has been given."""
 
     number: int
-    process: SpawnProcess
-    pipe: Connection
+    process: WorkerProcess
     unfinished: set[str] = field(default_factory=set)
 
-    @classmethod
-    def start(cls, order: Order, number: int) -> _Worker:
-        ours, theirs = _SPAWN.Pipe()
-        process = _SPAWN.Process(target=_work, args=(theirs, order, number), daemon=True)
-        with _interrupts_blocked():
-            process.start()
-        # Only the child may hold its end, so that its death reads as the end of the pipe.
-        theirs.close()
-        return cls(number, process, ours)
+    @property
+    def pipe(self) -> Connection:
+        """This end of it."""
+        return self.process.pipe
+
+    def hire(self, order: Order) -> None:
+        """Say what all its work is about."""
+        self._send((order, self.number))
 
     def give(self, queue: deque[Group]) -> None:
         """Hand over the next group, or None where none is left."""
         group = queue.popleft() if queue else None
         self.unfinished = {job.sequence_id for job in group or ()}
+        self._send(group)
+
+    def _send(self, message: object) -> None:
         # A worker that died meanwhile is noticed when its pipe is read.
         with suppress(BrokenPipeError):
-            self.pipe.send(group)
-
-    def stop(self) -> None:
-        """Ask the process to end, then end it."""
-        self.pipe.close()
-        self.process.terminate()
-        self.process.join(_PATIENCE_S)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
-
-    def epitaph(self) -> str:
-        """Why a process that is gone is gone."""
-        self.process.join(_PATIENCE_S)
-        status = self.process.exitcode
-        if status == -signal.SIGKILL:
-            return "was killed (out of memory?). Try fewer --workers"
-        if status is not None and status < 0:
-            return f"was ended by {signal.Signals(-status).name}"
-        return f"ended with status {status}"
+            self.pipe.send(message)
 
 
 def _free_number(crew: dict[Connection, _Worker]) -> int:
@@ -142,22 +135,24 @@ def _hear(
 
 
 def _lost(worker: _Worker) -> Iterator[Outcome]:
-    reason = worker.epitaph()
+    reason = worker.process.epitaph()
     worker.pipe.close()
     for sequence_id in sorted(worker.unfinished):
         yield Outcome(sequence_id, error=f"its worker process {reason}.")
 
 
-def _work(pipe: Connection, order: Order, number: int) -> None:
-    """Body of a worker process: groups come in by the pipe, outcomes go out."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    # The parent is gone when its end of the pipe is: nobody is left to work for.
-    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
-        loaded = _load(pipe, order)
-        while loaded and (group := pipe.recv()) is not None:
-            for outcome in track_group(order, loaded, group, number):
-                pipe.send(outcome)
-            pipe.send(None)
+def work(pipe: Connection) -> None:
+    """What a worker process does: an order comes in by the pipe, then groups; outcomes go out.
+
+    Raises:
+        EOFError, OSError: nobody is at the other end any more.
+    """
+    order, number = pipe.recv()
+    loaded = _load(pipe, order)
+    while loaded and (group := pipe.recv()) is not None:
+        for outcome in track_group(order, loaded, group, number):
+            pipe.send(outcome)
+        pipe.send(None)
 
 
 def _load(pipe: Connection, order: Order) -> LoadedTracker | None:
@@ -168,13 +163,3 @@ def _load(pipe: Connection, order: Order) -> LoadedTracker | None:
     except Exception as error:  # noqa: BLE001 - the parent has to hear of it, whatever it is
         pipe.send(HbbatchError(f"a worker cannot start ({type(error).__name__}: {error})."))
     return None
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Processes started inside never see Ctrl-C: it is the parent's to handle."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
@@ -23,6 +22,7 @@ from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
 from hbbatch.runner.plan import Plan, make_plan, read_status, select
+from hbbatch.runner.processes import Standby, available_cores
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
 from hbbatch.runner.worker import (
     LoadTracker,
@@ -210,19 +210,22 @@ def default_run_name(settings: TrackSettings) -> str:
     return f"{settings.filter}-{settings.digest()}"
 
 
-def available_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def track(
-    request: TrackRequest, progress: Progress | None = None, engine: Engine = HYBRIDTRACK
+    request: TrackRequest,
+    progress: Progress | None = None,
+    engine: Engine = HYBRIDTRACK,
+    standby: Standby | None = None,
 ) -> TrackReport:
     """Track what is not up to date, and write tracks, result files, timing and manifest.
 
     Interrupted at any time, the sequences that had ended are whole and are not tracked again.
+
+    Args:
+        request: what to track and how.
+        progress: is told how far it is.
+        engine: the tracker.
+        standby: where worker processes come from; with one that was started ahead, work that does
+            not divide is its, and not this process's.
 
     Raises:
         UsageError: an unknown sequence, a bad run name, a device that is not there.
@@ -247,12 +250,18 @@ def track(
         resolved = engine.resolved(request.settings)
         write_manifest(run, resolved, weights, inputs, environment)
         order = Order(dataset, run, request.settings, device, engine.load_tracker)
-        executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+        executor = _executor(workers, standby or Standby())
         outcomes = _execute(order, executor, groups, progress or _silent)
         environment["device"] = _devices(outcomes) or request.device
         write_manifest(run, resolved, weights, inputs, environment)
     wall_s = time.perf_counter() - started
     return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
+
+
+def _executor(workers: int, standby: Standby) -> Executor:
+    if workers == 1 and not standby.waits:
+        return SerialExecutor()
+    return ProcessExecutor(workers, standby)
 
 
 def _devices(outcomes: Sequence[Outcome]) -> str:

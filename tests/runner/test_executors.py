@@ -10,7 +10,8 @@ from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.errors import HbbatchError, WeightsError
 from hbbatch.runner.dealing import Group, SequenceJob
-from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
+from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor, _Worker
+from hbbatch.runner.processes import Standby, WorkerProcess
 from hbbatch.runner.worker import LoadTracker, Order, Outcome
 from tests.runner.small_dataset import load_breaks, load_echo, load_fails, make_dataset
 
@@ -47,6 +48,28 @@ def test_a_killed_worker_loses_its_group_only(tmp_path: Path) -> None:
     assert found["c"] is None
     for sequence_id in ("a", "kills"):
         assert "worker process was killed (out of memory?)" in str(found[sequence_id])
+
+
+def test_all_workers_are_started_before_one_is_told_anything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that is loading does not listen yet, and what does not fit its pipe would hold up all."""
+    events = []
+    take, hire = Standby.take, _Worker.hire
+
+    def taken(standby: Standby) -> WorkerProcess:
+        events.append("taken")
+        return take(standby)
+
+    def hired(worker: _Worker, order: Order) -> None:
+        events.append("hired")
+        hire(worker, order)
+
+    monkeypatch.setattr(Standby, "take", taken)
+    monkeypatch.setattr(_Worker, "hire", hired)
+    dataset = make_dataset(tmp_path, "a", "b")
+    list(ProcessExecutor(2).run(order(dataset), [group("a"), group("b")]))
+    assert events == ["taken", "taken", "hired", "hired"]
 
 
 @pytest.mark.parametrize("executor", [SerialExecutor(), ProcessExecutor(2)])

@@ -1,0 +1,133 @@
+"""Worker processes as their parent sees them: started, told by a pipe what to do, and stopped.
+
+Nothing heavy is imported here: a process can be started before its parent has loaded anything, and
+both load what they need at the same time.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Final
+
+_SPAWN: Final = multiprocessing.get_context("spawn")
+_PATIENCE_S: Final = 5.0
+"""How long a worker may take to stop when asked to."""
+
+
+@dataclass(frozen=True)
+class WorkerProcess:
+    """A process that runs `hbbatch.runner.executors.work` on its end of a pipe."""
+
+    process: SpawnProcess
+    pipe: Connection
+
+    @classmethod
+    def start(cls) -> WorkerProcess:
+        """A new one, which loads its modules while this call returns."""
+        ours, theirs = _SPAWN.Pipe()
+        process = _SPAWN.Process(target=_body, args=(theirs,), daemon=True)
+        with _interrupts_blocked():
+            process.start()
+        # Only the child may hold its end, so that its death reads as the end of the pipe.
+        theirs.close()
+        return cls(process, ours)
+
+    def stop(self) -> None:
+        """Ask the process to end, then end it."""
+        self.pipe.close()
+        self.process.terminate()
+        self.process.join(_PATIENCE_S)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+
+    def epitaph(self) -> str:
+        """Why a process that is gone is gone."""
+        self.process.join(_PATIENCE_S)
+        status = self.process.exitcode
+        if status == -signal.SIGKILL:
+            return "was killed (out of memory?). Try fewer --workers"
+        if status is not None and status < 0:
+            return f"was ended by {signal.Signals(-status).name}"
+        return f"ended with status {status}"
+
+
+class Standby:
+    """Where worker processes come from: one may be started already, others start when taken."""
+
+    def __init__(self, ahead: WorkerProcess | None = None) -> None:
+        self._ahead = ahead
+
+    @property
+    def waits(self) -> bool:
+        """Whether a process that was started ahead has nothing to do yet."""
+        return self._ahead is not None
+
+    def take(self) -> WorkerProcess:
+        """A process that is the caller's to stop."""
+        ahead, self._ahead = self._ahead, None
+        if ahead is not None and ahead.process.is_alive():
+            return ahead
+        return WorkerProcess.start()
+
+    def close(self) -> None:
+        """Stop what nobody took."""
+        if self._ahead is not None:
+            self._ahead.stop()
+            self._ahead = None
+
+
+@contextmanager
+def started_ahead(workers: int | None) -> Iterator[Standby]:
+    """One process started before it is known what it will do, unless the work stays in this one.
+
+    No more than one, however many will be wanted: there may be little to do, or nothing.
+
+    Args:
+        workers: how many were asked for; None for one a core.
+    """
+    wanted = workers or available_cores()
+    standby = Standby(WorkerProcess.start() if wanted > 1 else None)
+    try:
+        yield standby
+    finally:
+        standby.close()
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _body(pipe: Connection) -> None:
+    """What the process does. Until it has loaded all it needs, SIGTERM ends it at once."""
+    import hbbatch.tracking.engine  # noqa: F401 - loaded before anyone waits for it
+    from hbbatch.runner.executors import work
+
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    # The parent is gone when its end of the pipe is: nobody is left to work for.
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        work(pipe)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started inside never see Ctrl-C: it is the parent's to handle."""
+    # Started with the first process otherwise, it would unblock what is blocked here.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

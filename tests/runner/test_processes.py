@@ -1,0 +1,98 @@
+"""Worker processes: started ahead, taken, told to stop, and left alone by Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hbbatch.config import TrackSettings
+from hbbatch.runner.processes import Standby, WorkerProcess, started_ahead
+from hbbatch.runner.track import TrackRequest, track
+from tests.runner.small_dataset import ECHO, make_dataset
+
+
+@pytest.fixture
+def ahead() -> Iterator[WorkerProcess]:
+    process = WorkerProcess.start()
+    yield process
+    process.stop()
+
+
+def test_a_process_that_was_started_ahead_is_taken_once(ahead: WorkerProcess) -> None:
+    standby = Standby(ahead)
+    assert standby.waits
+    assert standby.take() is ahead
+    assert not standby.waits
+    other = standby.take()
+    other.stop()
+    assert other is not ahead
+    standby.close()
+    assert ahead.process.is_alive()
+
+
+def test_a_process_that_has_died_meanwhile_is_replaced(ahead: WorkerProcess) -> None:
+    ahead.process.kill()
+    ahead.process.join()
+    other = Standby(ahead).take()
+    assert other.process.is_alive()
+    other.stop()
+
+
+def test_what_nobody_took_is_stopped() -> None:
+    with started_ahead(workers=2) as standby:
+        process = standby._ahead
+    assert process is not None
+    assert process.process.exitcode is not None
+
+
+def test_nothing_is_started_ahead_for_one_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    with started_ahead(workers=1) as standby:
+        assert not standby.waits
+    monkeypatch.setattr("hbbatch.runner.processes.available_cores", lambda: 1)
+    with started_ahead(workers=None) as standby:
+        assert not standby.waits
+
+
+def test_work_that_does_not_divide_goes_to_the_process_started_ahead(tmp_path: Path) -> None:
+    make_dataset(tmp_path, "a", "kills")
+    with started_ahead(workers=2) as standby:
+        report = track(TrackRequest(tmp_path, TrackSettings()), engine=ECHO, standby=standby)
+        assert not standby.waits
+    # In this process, nobody would be left to say so.
+    assert "was killed" in report.failed["kills"]
+    assert report.workers == 1
+
+
+def test_a_process_ends_when_nobody_is_left_to_work_for(ahead: WorkerProcess) -> None:
+    ahead.pipe.close()
+    ahead.process.join()
+    assert ahead.process.exitcode == 0
+
+
+INTERRUPTED = """
+import os, signal
+from hbbatch.runner.processes import WorkerProcess
+
+if __name__ == "__main__":
+    first = WorkerProcess.start()
+    os.kill(first.process.pid, signal.SIGINT)
+    first.pipe.close()
+    first.process.join()
+    print(first.process.exitcode)
+"""
+
+
+def test_the_first_process_of_a_parent_never_sees_an_interrupt(tmp_path: Path) -> None:
+    """In a fresh parent: what Python starts beside its first process unblocks the signal."""
+    script = tmp_path / "parent.py"
+    script.write_text(INTERRUPTED)
+    root = Path(__file__).parents[2]
+    command = [sys.executable, str(script)]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert (done.stdout.strip(), done.stderr) == ("0", "")
