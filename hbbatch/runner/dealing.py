@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from hbbatch.tracking.schedule import DETECTIONS_PER_STEP
 
@@ -20,12 +20,21 @@ together and little is lost with one that dies."""
 MAX_PART_DETECTIONS: Final = 300_000
 """Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
 
-_STEP_US: Final = 220
-_DETECTION_US: Final = 8
+_STEP_US: Final = 290
+_DETECTION_US: Final = 16
 _SEQUENCE_US: Final = 8_000
 
 _WORKER_US: Final = 350_000
 """From the start of a worker process to its first sequence."""
+
+_REST: Final = 0.2
+"""Part of the work that is kept for who is free first: more than prices err between groups."""
+
+_LEAST_REST_US: Final = 2 * _WORKER_US
+"""What is handed out last at least: workers end so far apart, and smaller groups waste steps."""
+
+_WORTH: Final = 1.05
+"""How much more all groups together may cost for workers to end together."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +52,25 @@ Group = tuple[SequenceJob, ...]
 
 
 def deal(jobs: Sequence[SequenceJob], workers: int) -> list[Group]:
-    """Groups for workers that finish together, at most one a worker unless memory asks for more.
+    """Groups for workers that finish together, those that take longest first.
 
     A step costs the same whether one sequence of the group has a frame in it or all of them, so
     sequences of like length belong together: sorted by length they are cut where the effort of the
-    largest group is least. They stay one group where starting workers would take longer.
+    largest group is least. They stay one group where starting workers would take longer, and are
+    one a worker where there is little work, unless memory asks for more. Of much work the shortest
+    sequences are kept back in smaller groups, for the workers that are free first: prices err, and
+    so do cores.
     """
     ordered = sorted(jobs, key=lambda job: (-job.frames, -job.detections, job.sequence_id))
     if not ordered:
         return []
-    whole_us = _effort_us(ordered)
-    groups = _cut(ordered, _least_limit_us(ordered, workers, whole_us))
-    if max(map(_effort_us, groups)) + _WORKER_US > whole_us:
+    groups = _even(ordered, workers)
+    if max(map(_effort_us, groups)) + _WORKER_US > _effort_us(ordered):
         groups = [tuple(ordered)]
-    return [part for group in groups for part in bounded(group, MAX_GROUP_DETECTIONS)]
+    else:
+        groups = _with_rest(ordered, workers) or groups
+    parts = [part for group in groups for part in bounded(group, MAX_GROUP_DETECTIONS)]
+    return sorted(parts, key=_effort_us, reverse=True)
 
 
 def bounded(group: Group, max_detections: int) -> Iterator[Group]:
@@ -73,42 +87,69 @@ def bounded(group: Group, max_detections: int) -> Iterator[Group]:
         yield tuple(part)
 
 
-def _least_limit_us(ordered: Sequence[SequenceJob], workers: int, enough_us: int) -> int:
-    """The least effort within which no more groups than workers can be kept."""
-    too_little_us = 0
-    while enough_us - too_little_us > 1:
+def _with_rest(ordered: Sequence[SequenceJob], workers: int) -> list[Group]:
+    """Most of the work in a group a worker, the rest in smaller ones; none where that is no use."""
+    rest_us = _REST * _effort_us(ordered)
+    if workers == 1 or rest_us < workers * _LEAST_REST_US:
+        return []
+    kept = len(_first(ordered[::-1], rest_us))
+    groups = [*_even(ordered[:-kept], workers), *_smaller_and_smaller(ordered[-kept:], workers)]
+    even_us = sum(map(_effort_us, _even(ordered, workers)))
+    return groups if sum(map(_effort_us, groups)) <= _WORTH * even_us else []
+
+
+def _smaller_and_smaller(rest: Sequence[SequenceJob], workers: int) -> Iterator[Group]:
+    """Each group half of what is left for each worker, so that the last are small."""
+    while rest:
+        group = _first(rest, max(_effort_us(rest) / (2 * workers), _LEAST_REST_US))
+        yield group
+        rest = rest[len(group) :]
+
+
+def _even(ordered: Sequence[SequenceJob], workers: int) -> list[Group]:
+    """No more groups than workers, the largest of which takes the least effort there is.
+
+    To a thousandth of the whole.
+    """
+    too_little_us, enough_us = 0, _effort_us(ordered)
+    near_us = enough_us // 1000 + 1
+    groups = [tuple(ordered)]
+    while enough_us - too_little_us > near_us:
         limit_us = (enough_us + too_little_us) // 2
-        if len(_cut(ordered, limit_us)) <= workers:
-            enough_us = limit_us
+        cut = list(_cut(ordered, limit_us))
+        if len(cut) <= workers:
+            enough_us, groups = limit_us, cut
         else:
             too_little_us = limit_us
-    return enough_us
+    return groups
 
 
-def _cut(ordered: Sequence[SequenceJob], limit_us: int) -> list[Group]:
+def _cut(ordered: Sequence[SequenceJob], limit_us: float) -> Iterator[Group]:
     """Neighbours together as long as their effort stays within a limit (or is one sequence's)."""
-    groups: list[list[SequenceJob]] = []
-    effort = _Effort()
-    for job in ordered:
-        grown = effort.with_job(job)
-        if groups and grown.total_us <= limit_us:
-            groups[-1].append(job)
-            effort = grown
-        else:
-            groups.append([job])
-            effort = _Effort().with_job(job)
-    return [tuple(group) for group in groups]
+    while ordered:
+        group = _first(ordered, limit_us)
+        yield group
+        ordered = ordered[len(group) :]
+
+
+def _first(ordered: Sequence[SequenceJob], limit_us: float) -> Group:
+    """The first sequences whose effort stays within a limit, one at least."""
+    effort = _NO_EFFORT
+    for number, job in enumerate(ordered):
+        effort = effort.with_job(job)
+        if number and effort.total_us > limit_us:
+            return tuple(ordered[:number])
+    return tuple(ordered)
 
 
 def _effort_us(group: Sequence[SequenceJob]) -> int:
-    effort = _Effort()
+    effort = _NO_EFFORT
     for job in group:
         effort = effort.with_job(job)
     return effort.total_us
 
 
-@dataclass(frozen=True)
-class _Effort:
+class _Effort(NamedTuple):
     """What a group costs that a worker takes in parts.
 
     Attributes:
@@ -136,3 +177,6 @@ class _Effort:
         steps = max(self.longest, self.detections // DETECTIONS_PER_STEP)
         last_us = _STEP_US * steps + _DETECTION_US * self.detections
         return self.full_us + last_us + _SEQUENCE_US * self.sequences
+
+
+_NO_EFFORT: Final = _Effort()
