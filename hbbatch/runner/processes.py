@@ -18,6 +18,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Final
 
+from hbbatch.errors import ExitStatus
+
 _SPAWN: Final = multiprocessing.get_context("spawn")
 _PATIENCE_S: Final = 5.0
 """How long a worker may take to stop when asked to."""
@@ -119,6 +121,10 @@ def _body(pipe: Connection) -> None:
     # The parent is gone when its end of the pipe is: nobody is left to work for.
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         work(pipe)
+    # The parent waits for the end, and taking down all that is loaded takes longer than to leave.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(ExitStatus.DONE)
 
 
 @contextmanager

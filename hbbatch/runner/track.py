@@ -292,7 +292,7 @@ def _execute(
                 if outcome.error is not None:
                     _record_failure(order.run, keys[outcome.sequence_id], outcome)
     finally:
-        _write_timing(order)
+        _write_timing(order, outcomes)
     return outcomes
 
 
@@ -303,11 +303,15 @@ def _record_failure(run: Run, key: str, outcome: Outcome) -> None:
         write_status(run, outcome.sequence_id, status)
 
 
-def _write_timing(order: Order) -> None:
-    """One row for every sequence the run holds, taken from the status files."""
-    statuses = [read_status(order.run, i) for i in order.dataset.sequence_ids()]
-    rows = [status["timing"] for status in statuses if status.get("state") == "done"]
-    write_table(order.run.timing, timing_table(rows), schema.TIMING)
+def _write_timing(order: Order, outcomes: Sequence[Outcome]) -> None:
+    """One row for every sequence the run holds: as told now, or by the status files."""
+    rows = {outcome.sequence_id: outcome.timing for outcome in outcomes if outcome.timing}
+    for sequence_id in order.dataset.sequence_ids():
+        if sequence_id not in rows:
+            status = read_status(order.run, sequence_id)
+            if status.get("state") == "done":
+                rows[sequence_id] = status["timing"]
+    write_table(order.run.timing, timing_table(rows.values()), schema.TIMING)
 
 
 @dataclass(frozen=True)

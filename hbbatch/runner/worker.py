@@ -28,7 +28,10 @@ from hbbatch.tracking.frames import (
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
 _MAX_UNWRITTEN: Final = 8
-"""Sequences that have ended and wait for the writer at most."""
+"""Sequences that have ended and wait for a writer at most."""
+
+_WRITERS: Final = 3
+"""Threads that write: one waits for the disk most of its time, and short sequences end faster."""
 
 
 class BatchTracker(Protocol):
@@ -90,14 +93,14 @@ def track_group(
     """Track sequences together and write each when it ends; one outcome a sequence, always.
 
     A group too large for memory is taken in parts. While one part is stepped, the next is read
-    and what has ended is written, each in a thread of its own.
+    and what has ended is written, in threads of their own.
 
     A sequence that cannot be read or written fails alone. If stepping the group fails, the
     sequences not yet done are stepped one by one, so that only the culprit fails.
     """
     parts = bounded(group, MAX_PART_DETECTIONS)
-    with ThreadPoolExecutor(1) as writer:
-        desk = _Desk(order, loaded, worker, writer)
+    with ThreadPoolExecutor(_WRITERS) as writers:
+        desk = _Desk(order, loaded, worker, writers)
         for readings, failures in _read_ahead(order, loaded.tracker.class_names, parts):
             yield from failures
             yield from _track_part(desk, readings)
@@ -110,7 +113,7 @@ class _Desk:
     order: Order
     loaded: LoadedTracker
     worker: int
-    writer: ThreadPoolExecutor
+    writers: ThreadPoolExecutor
 
 
 def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
@@ -120,7 +123,7 @@ def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
     try:
         for tracked in desk.loaded.tracker.track([reading.frames for reading in readings]):
             reading = waiting.pop(tracked.frames.sequence_id)
-            writing.append(desk.writer.submit(_finish, desk, reading, tracked))
+            writing.append(desk.writers.submit(_finish, desk, reading, tracked))
             while len(writing) > _MAX_UNWRITTEN:
                 yield writing.popleft().result()
         _all_came_back(waiting)

@@ -12,8 +12,9 @@ import pytest
 from safetensors.numpy import save_file
 
 from hbbatch.config import TrackSettings
-from hbbatch.dataset import Dataset
+from hbbatch.dataset import Dataset, Run
 from hbbatch.errors import ConfigError, DatasetError, ExitStatus, UsageError, WeightsError
+from hbbatch.runner import plan
 from hbbatch.runner.ingest import ingest
 from hbbatch.runner.manifest import read_manifest
 from hbbatch.runner.track import (
@@ -67,6 +68,25 @@ def test_a_new_sequence_is_added_to_the_run(tmp_path: Path) -> None:
     assert (report.tracked, report.up_to_date) == (("b",), ("a",))
     timing = pq.read_table(report.path / "timing.parquet")
     assert timing["sequence_id"].to_pylist() == ["a", "b"]
+
+
+def test_timing_is_read_back_only_of_what_was_tracked_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = make_dataset(tmp_path, "a", "b", "c")
+    run_track(dataset, "a")
+    run = dataset.run(default_run_name(SETTINGS))
+    read = []
+
+    def spy(run: Run, sequence_id: str) -> dict[str, Any]:
+        read.append(sequence_id)
+        return plan.read_status(run, sequence_id)
+
+    monkeypatch.setattr("hbbatch.runner.track.read_status", spy)
+    run_track(dataset, "b")
+    assert read == ["a", "c"]
+    rows = pq.read_table(run.timing).to_pylist()
+    assert rows == [plan.read_status(run, i)["timing"] for i in "ab"]
 
 
 def test_a_changed_sequence_is_redone(tmp_path: Path) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from threading import Barrier
 
+import pyarrow as pa
 import pytest
 
 from hbbatch import schema
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import write_json
+from hbbatch.runner import worker
 from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.worker import Order, Outcome, track_group
 from tests.runner.small_dataset import load_echo, make_dataset, write_sequence
@@ -134,3 +137,18 @@ def test_an_old_status_is_gone_before_outputs_change(tmp_path: Path) -> None:
     run.kitti("a").mkdir()
     assert outcomes(dataset, "a")["a"].error is not None
     assert not run.status("a").exists()
+
+
+def test_a_sequence_is_written_while_another_one_waits_for_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = Barrier(2, timeout=30)
+    write = worker.write_table
+
+    def slow(path: Path, table: pa.Table, expected: pa.Schema) -> None:
+        both.wait()
+        write(path, table, expected)
+
+    monkeypatch.setattr(worker, "write_table", slow)
+    found = outcomes(make_dataset(tmp_path, "a", "b"), "a", "b")
+    assert [outcome.error for outcome in found.values()] == [None, None]
