@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -24,12 +25,20 @@ def texts_of(words: NDArray[np.uint64], letters: IntArray) -> Names:
         UnicodeDecodeError: one is not UTF-8.
     """
     words &= _masks(words.shape[1]).take(letters, axis=0)
+    if (words == words[:1]).all():
+        # As names of frames mostly are.
+        return Names(np.zeros(len(words), dtype=np.int64), tuple(map(_text, words[:1])))
     kind = pa.binary(words.shape[1] * WORD_LETTERS)
     coded = pa.Array.from_buffers(kind, len(words), [None, pa.py_buffer(words)]).dictionary_encode()
-    vocabulary = tuple(text.rstrip(b"\0").decode() for text in coded.dictionary.to_pylist())
+    vocabulary = tuple(map(_text, coded.dictionary.to_pylist()))
     return Names(coded.indices.to_numpy().astype(np.int64), vocabulary)
 
 
+def _text(letters: NDArray[np.uint64] | bytes) -> str:
+    return bytes(letters).rstrip(b"\0").decode()
+
+
+@cache
 def _masks(words: int) -> NDArray[np.uint64]:
     """By number of letters, which bits of some words hold them, `(8 * words + 1, words)`."""
     letters = np.arange(words * WORD_LETTERS)

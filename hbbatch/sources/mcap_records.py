@@ -29,7 +29,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 ATTACHMENT, STATISTICS, DATA_END = 9, 11, 15
 
 _FRAME: Final = struct.Struct("<BQ")
-_LENGTH: Final = struct.Struct("<Q")
+_LENGTH: Final = struct.Struct("<xQ")
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
 _KEPT: Final = {HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS}
 _LARGEST_CHUNK: Final = 2**30
@@ -98,12 +98,12 @@ class Run:
     def of(cls, data: Content) -> Run:
         """The whole records from the beginning of the data on."""
         places: list[int] = []
-        position, last = 0, len(data) - _FRAME.size
-        length_at = _LENGTH.unpack_from
+        position, head, last = 0, _FRAME.size, len(data) - _FRAME.size
+        found, length_at = places.append, _LENGTH.unpack_from
         # All that is done for each record by itself, since each says where the next one is.
         while position <= last:
-            places.append(position)
-            position += _FRAME.size + length_at(data, position + 1)[0]
+            found(position)
+            position += head + length_at(data, position)[0]
         whole = position <= len(data)
         places.append(position)
         bounds = np.array(places if whole else places[:-1], dtype=np.int64)

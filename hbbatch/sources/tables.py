@@ -28,7 +28,7 @@ def detections_table(
         taxonomy: what the classes are called.
     """
     counts, logged = batch.box_counts, batch.class_names
-    index = np.arange(first_frame_index, first_frame_index + len(counts))
+    index = np.arange(first_frame_index, first_frame_index + len(counts), dtype=np.int32)
     normalised = Names.of([taxonomy.normalise(name) for name in logged.vocabulary])
     frames = Names(np.repeat(batch.frame_ids.codes, counts), batch.frame_ids.vocabulary)
     columns = {
@@ -53,7 +53,7 @@ def poses_table(batch: FrameBatch, first_frame_index: int) -> pa.Table:
     if batch.log_time_ns is not None:
         log_time_ns = pa.array(batch.log_time_ns, pa.int64())
     columns = {
-        "frame_index": np.arange(first_frame_index, first_frame_index + count),
+        "frame_index": np.arange(first_frame_index, first_frame_index + count, dtype=np.int32),
         "timestamp_ns": batch.timestamp_ns,
         "log_time_ns": log_time_ns,
         **{f"translation_{a}": batch.poses.translation_m[:, i] for i, a in enumerate("xyz")},
