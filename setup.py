@@ -1,12 +1,20 @@
 """The compiled part of the package; all else about it is in pyproject.toml."""
 
+from pathlib import Path
+
 from setuptools import Extension, setup
+
+SOURCES = Path("hbbatch/packed/c")
 
 KERNELS = Extension(
     "hbbatch.packed._kernels",
-    ["hbbatch/packed/_kernels.c"],
+    sorted(map(str, SOURCES.glob("*.c"))),
+    depends=sorted(map(str, SOURCES.glob("*.h"))),
     # Nothing is fused or reordered: rounding is the same whatever the machine.
-    extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"],
+    extra_compile_args=[
+        *("-std=c11", "-O3", "-fvisibility=hidden"),
+        *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    ],
     libraries=["m"],
     py_limited_api=True,
     optional=True,  # without a compiler the package works all the same, only slower

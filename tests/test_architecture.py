@@ -83,6 +83,7 @@ def test_planning_a_run_needs_no_torch() -> None:
 
 
 @pytest.mark.parametrize("device", ["auto", "cpu"])
+@pytest.mark.usefixtures("kernels")
 def test_tracking_on_a_cpu_needs_no_torch(tmp_path: Path, device: str) -> None:
     """Loading it takes longer than tracking fifty sequences."""
     make_dataset(tmp_path, "a")

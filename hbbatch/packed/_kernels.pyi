@@ -1,42 +1,133 @@
-"""Compiled from `_kernels.c`; every function refuses arrays that do not fit with ValueError."""
+"""Compiled from `c/`; every function refuses arrays that do not fit with ValueError.
+
+Arrays are contiguous. Matrices of tracks may have more columns than there are tracks; `layout` is
+from `packed.layout`, and what else filters are given from `packed.kalman`, which see.
+"""
+
+from typing import Any
+
+from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.packed.arrays import IntArray
+from hbbatch.packed.arrays import IntArray, Single
 
 def match(
-    fields: FloatArray,
+    priors: FloatArray,
+    track_block: IntArray,
+    boxes: FloatArray,
     block: IntArray,
-    shapes: FloatArray,
-    reach_m: FloatArray,
-    key: FloatArray,
-    order: IntArray,
     rows: IntArray,
     numbers: IntArray,
     start: int,
     stop: int,
-    widest_m: float,
-    low_m: float,
-    high_m: float,
     stretch: float,
     threshold: float,
     /,
 ) -> int:
-    """Pairs of `association.match` with the cost ciou_3d, into `rows` and `numbers`; how many.
+    """`tracking.association.match` with the cost ciou_3d; how many pairs there are.
 
     Args:
-        fields: `(7, n)` priors.
-        block: `(n,)`.
-        shapes: `(SHAPE_ROWS, m)`, of detections; these four as in `association.Targets`.
-        reach_m: `(m,)`.
-        key: `(m,)`.
-        order: `(m,)`.
-        rows: written to, of length n or more, or of as many as there are detections.
-        numbers: likewise.
+        priors: `(7, n)`.
+        track_block: `(n,)`.
+        boxes: `(m, 7)` detections.
+        block: `(m,)`.
+        rows: where tracks of the pairs are written; as long as the shorter side.
+        numbers: detections likewise.
         start: first detection that counts.
         stop: the one after the last.
-        widest_m: largest reach of those.
-        low_m: of `association.Targets`.
-        high_m: likewise.
         stretch: reach over radius, `costs.reach_over_radius`.
         threshold: on the cost.
     """
+
+def settle(cells: IntArray, matched: IntArray, order: IntArray, count: int, most: int, /) -> int:
+    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on."""
+
+def gather(source: NDArray[Any], order: IntArray, target: NDArray[Any], /) -> None:
+    """Column `order[i]` of the source becomes column i of the target; they are not the same."""
+
+def say(
+    boxes: FloatArray,
+    state: Single,
+    rows: IntArray,
+    places: IntArray,
+    said_boxes: FloatArray,
+    said_velocity: FloatArray,
+    velocity: int,
+    /,
+) -> None:
+    """Box and velocity of each row to its place, in `(places, 7)` and `(places, 3)`."""
+
+def birth(
+    layout: IntArray,
+    newborn: Single,
+    kinds: IntArray,
+    measured: FloatArray,
+    seen: Single,
+    detections: IntArray,
+    boxes: FloatArray,
+    state: Single,
+    first: int,
+    /,
+) -> None:
+    """`PackedKalman.birth`, given what is newborn of each kind."""
+
+def predict_features(
+    layout: IntArray,
+    boxes: FloatArray,
+    state: Single,
+    times: Single,
+    frames: IntArray,
+    limit: Single,
+    features: Single,
+    /,
+) -> None:
+    """What the residual predictor sees, written to `features`."""
+
+def predict(
+    layout: IntArray,
+    boxes: FloatArray,
+    state: Single,
+    times: Single,
+    frames: IntArray,
+    rates: Single,
+    damping: FloatArray,
+    prior: FloatArray,
+    /,
+) -> None:
+    """`PackedKalman.predict` with learned rates `(7, n)` or none, damping `(n,)` or none."""
+
+def update_features(
+    layout: IntArray,
+    boxes: FloatArray,
+    state: Single,
+    measured: FloatArray,
+    seen: Single,
+    detections: IntArray,
+    limit: Single,
+    apart: Single,
+    features: Single,
+    /,
+) -> None:
+    """Innovations, written to `apart`, and what the gain network sees, if `features` has rows."""
+
+def update(
+    layout: IntArray,
+    boxes: FloatArray,
+    state: Single,
+    seen: Single,
+    detections: IntArray,
+    apart: Single,
+    memory: Single,
+    said: Single,
+    /,
+) -> None:
+    """`PackedKalman.update` given innovations; memory and `(8, n)` of the gain network, or none."""
+
+def rectify(outputs: Single, /) -> None:
+    """Outputs become twice what a rectifier makes of them."""
+
+def reset_memory(gates: Single, remembered: Single, candidate: Single, /) -> None:
+    """What the first gates let through of `remembered` is added to the candidate."""
+
+def mix_memory(gates: Single, candidate: Single, features: Single, /) -> None:
+    """Memory, which the features begin with, is kept where the second gates say; else candidate."""

@@ -41,6 +41,7 @@ class Features:
 
     Attributes:
         rows: the rows by name.
+        limit: of the last rows, the most that training saw.
     """
 
     def __init__(self, rows: Columns, groups: Sequence[_Group]) -> None:
@@ -49,11 +50,9 @@ class Features:
         self._place = np.concatenate([rows[g.name].start + np.asarray(g.rows) for g in groups])
         factors = [np.broadcast_to(g.factor, len(g.rows)) for g in groups]
         self._factor = np.concatenate(factors).astype(np.float32)
-        self._free = rows["correction"].start
-        limit = np.full((rows.width, 1), FEATURE_LIMIT, np.float32)
-        limit[self._place, 0] /= self._factor
-        self._high = limit[self._free :]
-        self._low = -self._high
+        limit = np.full(rows.width, FEATURE_LIMIT, np.float32)
+        limit[self._place] /= self._factor
+        self.limit = limit[rows["correction"].start :].copy()
 
     def layer(self, weights: Single, biases: Single) -> Single:
         """A layer `(outputs, width)` on these rows, given the module's weights and biases."""
@@ -61,12 +60,6 @@ class Features:
         layer[:, self._place] = weights * self._factor
         layer[:, self.rows["one"].start] = biases
         return layer
-
-    def limited(self, features: Single) -> Single:
-        """Cut features `(width, n)` at what training saw, in place."""
-        bounded = features[self._free :]
-        bounded.clip(self._low, self._high, out=bounded)
-        return features
 
 
 def shared_rows(kinds: int, options: HybridOptions) -> dict[str, int]:

@@ -8,12 +8,12 @@ from typing import Any
 from hbbatch.errors import WeightsError
 from hbbatch.motion.parameters import HybridOptions, KalmanOptions, Parameters, misfit
 from hbbatch.packed.hybrid import PackedHybrid
-from hbbatch.packed.kalman import PackedFilter, PackedKalman
+from hbbatch.packed.kalman import PackedKalman
 
 
 def packed_filter(
     name: str, kinds: Sequence[str], options: Mapping[str, Any], parameters: Parameters
-) -> PackedFilter:
+) -> PackedKalman:
     """The packed twin of `model.weights.build_filter`'s module with these parameters.
 
     Args:

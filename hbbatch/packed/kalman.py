@@ -11,71 +11,31 @@ rows are ordered such that one operation serves several quantities.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple, Protocol
+from typing import Final
 
 import numpy as np
 
 from hbbatch.boxes import FloatArray
 from hbbatch.motion.columns import Columns, MotionModel, kalman_order
-from hbbatch.motion.constants import AXES, MAX_HEADING_VOTE, RANGE_UNIT_M
+from hbbatch.motion.constants import AXES, RANGE_UNIT_M
 from hbbatch.motion.covariance import pairs
 from hbbatch.motion.parameters import KalmanOptions, Parameters
-from hbbatch.packed.arrays import (
-    MOTION,
-    PLAN,
-    YAW_ROW,
-    Heading,
-    IntArray,
-    Single,
-    difference,
-    keep_sizes,
-)
+from hbbatch.packed import kernels
+from hbbatch.packed.arrays import NONE, IntArray, Single
 from hbbatch.packed.covariance import PackedCovariance
+from hbbatch.packed.layout import layout
 
 DETECTION: Final = Columns({"size_variance": 3, "variance": AXES, "range": 2, "ahead": 2})
 """What is known of a detection before it is matched: variances of its sizes and its motion axes;
 its horizontal distance from the sensor in `RANGE_UNIT_M`, its height above it in m; the horizontal
 direction it is seen in (world axes, of unit length beyond a metre)."""
 
-BOX_VARIANCE: Final = slice(0, 7)
-"""Rows of `DETECTION`: variances in the order of a packed box."""
+APART_ROWS: Final = 10
+"""Innovation `(7, n)` of a packed box in the heading frame, cosine and sine of that heading, cosine
+of the angle between measured and prior heading."""
 
-
-class Times(NamedTuple):
-    """Rows of the arrays that filters make of time steps before the first one is taken."""
-
-    dt_s: int = 0
-    half_s: int = 1
-    tenths: int = 2
-    inverse: int = 3
-    weights: int = 4
-
-
-TIMES: Final = Times()
-
-
-class PackedFilter(Protocol):
-    """A filter's steps on columns: packed boxes `(7, n)` float64, state `(height, n)` float32."""
-
-    height: int
-
-    def times(self, dt_s: Single) -> Single:
-        """What `predict` needs to know of time steps `(n,)`; a column each."""
-
-    def detections(self, sight_m: FloatArray, kinds: IntArray) -> Single:
-        """Rows of `DETECTION` for detections seen along `sight_m` `(n, 3)`."""
-
-    def birth(self, boxes: FloatArray, seen: Single, kinds: IntArray) -> Single:
-        """State of tracks born from detections: their boxes and columns of `detections`."""
-
-    def predict(self, boxes: FloatArray, state: Single, times: Single) -> FloatArray:
-        """Prior boxes after time steps (columns of `times`); the state is changed in place."""
-
-    def update(self, boxes: FloatArray, state: Single, measured: FloatArray, seen: Single) -> None:
-        """Turn prior boxes and state into posterior ones, in place."""
-
-    def velocity(self, state: Single) -> Single:
-        """`(3, n)` velocity in the world frame, m/s."""
+_UNDAMPED: Final = np.empty(0)
+_NO_LIMIT: Final = np.empty(0, np.float32)
 
 
 def kalman_rows(model: MotionModel) -> dict[str, int]:
@@ -93,7 +53,16 @@ def kalman_rows(model: MotionModel) -> dict[str, int]:
 
 
 class PackedKalman:
-    """`model.kalman.KalmanFilter`, packed."""
+    """`model.kalman.KalmanFilter`, packed: a filter's steps on columns, all in place.
+
+    Boxes `(7, m)` float64 are packed, states `(height, m)` float32; the first columns are used.
+
+    Attributes:
+        height: rows of the state.
+        velocity: first of the three rows of the velocity in the world frame, m/s.
+        layout: of the state, for the kernels.
+        newborn: `(height, kinds)` a track of each kind before its detection is looked at.
+    """
 
     def __init__(
         self, parameters: Parameters, options: KalmanOptions, rows: Columns | None = None
@@ -105,20 +74,17 @@ class PackedKalman:
             options: of the filter.
             rows: of a larger state that holds those of `kalman_rows`.
         """
-        self._model = options.model
         self._rows = rows or Columns(kalman_rows(options.model))
         self._covariance = PackedCovariance(kalman_order(options.model))
-        start = self._rows["size_variance"].start
-        self._box_variance = slice(start, start + 7)
         self._log_r = by_kind(parameters["log_r"])
         self._log_r_range = by_kind(parameters["log_r_range"])
         self._r_size = np.exp(by_kind(parameters["log_r_size"]))
         self.height = self._rows.width
+        self.velocity = self._rows["velocity"].start
+        self.layout = layout(self._rows, options.model, self._covariance.mixed)
         self.newborn = self._newborn(parameters)
-        self._derivatives = kalman_order(options.model) - 1
 
     def _newborn(self, parameters: Parameters) -> Single:
-        """State of a track of each kind before its detection is looked at, `(height, kinds)`."""
         rows = self._rows
         state = np.zeros((self.height, len(parameters["log_q"])), np.float32)
         variances = np.exp(parameters["log_initial"]).transpose(1, 2, 0)
@@ -129,12 +95,15 @@ class PackedKalman:
         return state
 
     def times(self, dt_s: Single) -> Single:
-        """See `PackedFilter.times`; rows of `Times`, then the weights of covariances."""
+        """What `predict` needs to know of time steps `(n,)`; a column each.
+
+        Rows of seconds, half of them, tenths, their inverse; then weights of covariances.
+        """
         rows = np.stack([dt_s, 0.5 * dt_s, 10.0 * dt_s, 1.0 / dt_s])
         return np.concatenate([rows, self._covariance.weights(dt_s)])
 
     def detections(self, sight_m: FloatArray, kinds: IntArray) -> Single:
-        """See `PackedFilter.detections`."""
+        """`(n, DETECTION.width)` of detections seen along `sight_m` `(n, 3)`."""
         seen = np.empty((DETECTION.width, len(kinds)), np.float32)
         x, y, up = sight_m.T.astype(np.float32)
         distance = np.maximum(np.sqrt(x * x + y * y), 1.0)
@@ -145,108 +114,84 @@ class PackedKalman:
         seen[DETECTION["size_variance"]] = self._r_size[:, kinds]
         seen[DETECTION["range"]] = far, up
         seen[DETECTION["ahead"]] = x / distance, y / distance
-        return seen
+        return np.ascontiguousarray(seen.T)
 
     def birth(
         self,
-        boxes: FloatArray,  # noqa: ARG002 - the learned filter looks at them
+        boxes: FloatArray,
+        state: Single,
+        measured: FloatArray,
         seen: Single,
+        detections: IntArray,
         kinds: IntArray,
-    ) -> Single:
-        """See `PackedFilter.birth`."""
-        state = self.newborn.take(kinds, axis=1)
-        state[self._box_variance] = seen[BOX_VARIANCE]
-        return state
-
-    def predict(self, boxes: FloatArray, state: Single, times: Single) -> FloatArray:
-        """See `PackedFilter.predict`."""
-        prior = boxes.copy()
-        prior[MOTION] += self.advance(state, times) * times[TIMES.dt_s]
-        return prior
-
-    def advance(self, state: Single, times: Single) -> Single:
-        """Take the state on by a time step; the mean velocity of the axes `(4, n)` meanwhile."""
-        rows = self._rows
-        self._covariance.propagate(
-            state[rows["covariance"]], state[rows["noise"]], times[TIMES.weights :]
-        )
-        state[rows["size_variance"]] += state[rows["size_noise"]] * times[TIMES.dt_s]
-        velocity = state[rows["velocity"]]
-        mean = velocity.copy()
-        if self._model == "ca":
-            half = state[rows["acceleration"]] * times[TIMES.half_s]
-            mean += half
-            np.add(mean, half, out=velocity)
-        elif self._model == "ct":
-            # The chord of a turn points along the heading in the middle of it.
-            half_turn = Heading.of(velocity[3] * times[TIMES.half_s])
-            half_turn.turn(mean[:2])
-            velocity[:2] = mean[:2]
-            half_turn.turn(velocity[:2])
-        return mean
-
-    def update(self, boxes: FloatArray, state: Single, measured: FloatArray, seen: Single) -> None:
-        """See `PackedFilter.update`."""
-        heading = Heading.of(boxes[YAW_ROW])
-        apart, agreement = difference(measured, boxes)
-        innovation = apart.astype(np.float32)
-        heading.turn_back(innovation[PLAN])
-        change = self.correct(boxes, state, innovation, seen[BOX_VARIANCE])
-        self.apply(boxes, state, change, heading)
-        self.settle_heading(boxes, state, agreement)
-
-    def correct(
-        self, boxes: FloatArray, state: Single, innovation: Single, variance: Single
-    ) -> Single:
-        """Gains times innovation, and posterior covariances.
+        first: int,
+    ) -> None:
+        """Columns from `first` on become tracks born from detections.
 
         Args:
-            boxes: prior ones, left as they are.
-            state: changed in place.
-            innovation: `(7, n)` of a packed box, in the heading frame.
-            variance: `(7, n)` of the measurement.
+            boxes: of tracks.
+            state: of tracks.
+            measured: `(d, 7)` boxes of all detections, not packed.
+            seen: `(d, DETECTION.width)` of all detections.
+            detections: `(n,)` which of them.
+            kinds: `(d,)` kind of all detections.
+            first: column.
+        """
+        kernels.birth(
+            self.layout, self.newborn, kinds, measured, seen, detections, boxes, state, first
+        )
+
+    def predict(
+        self,
+        boxes: FloatArray,
+        state: Single,
+        times: Single,
+        frames: IntArray,
+        damping: FloatArray | None,
+    ) -> FloatArray:
+        """Take the first columns on by a time step.
+
+        Args:
+            boxes: of tracks.
+            state: of tracks.
+            times: of all frames.
+            frames: `(n,)` column of `times` for each track.
+            damping: `(n,)` share of the step by which centres move, None for all of it.
 
         Returns:
-            Changes of the packed box, then of each derivative of its axes, in the heading frame.
+            `(7, n)` prior boxes in the order of a box's fields.
         """
-        spread = state[self._box_variance]
-        inverse = np.reciprocal(spread + variance)
-        gain = spread * inverse
-        change = np.empty((7 + AXES * self._derivatives, innovation.shape[1]), np.float32)
-        np.multiply(gain, innovation, out=change[:7])
-        covariance = state[self._rows["covariance"]]
-        higher = self._covariance.shrink(covariance, gain[MOTION], inverse[MOTION])
-        for number, derivative_gain in enumerate(higher):
-            start = 7 + AXES * number
-            np.multiply(derivative_gain, innovation[MOTION], out=change[start : start + AXES])
-        spread -= gain * spread
-        keep_sizes(boxes, change, 1.0)
-        return change
+        return self._advance(boxes, state, times, frames, damping, NONE)
 
-    def apply(self, boxes: FloatArray, state: Single, change: Single, heading: Heading) -> None:
-        """Turn the changes that `correct` returned to the world's axes, and make them."""
-        axes = change[MOTION.start :].reshape(1 + self._derivatives, AXES, change.shape[1])
-        heading.turn(axes[:, :2])
-        boxes += change[:7]
-        state[self._rows["velocity"]] += axes[1]
-        if self._model == "ca":
-            state[self._rows["acceleration"]] += axes[2]
+    def _advance(
+        self,
+        boxes: FloatArray,
+        state: Single,
+        times: Single,
+        frames: IntArray,
+        damping: FloatArray | None,
+        rates: Single,
+    ) -> FloatArray:
+        """`predict` with learned rates `(7, n)` of packed boxes in the heading frame, or none."""
+        prior = np.empty((7, len(frames)))
+        share = _UNDAMPED if damping is None else damping
+        kernels.predict(self.layout, boxes, state, times, frames, rates, share, prior)
+        return prior
 
-    def settle_heading(self, boxes: FloatArray, state: Single, agreement: FloatArray) -> None:
-        """`model.filters.settle_heading`, in place; agreement from `arrays.difference`."""
-        vote, yaw = state[self._rows["heading_vote"]][0], boxes[YAW_ROW]
-        vote += np.copysign(1.0, agreement)
-        np.minimum(vote, MAX_HEADING_VOTE, out=vote)
-        # By no turn or, where the vote is lost, a half turn; then wrapped to [-π, π).
-        yaw -= np.copysign(0.5 * np.pi, vote, dtype=np.float64)
-        yaw += 1.5 * np.pi
-        yaw %= 2.0 * np.pi
-        yaw -= np.pi
-        np.abs(vote, out=vote)
-
-    def velocity(self, state: Single) -> Single:
-        """See `PackedFilter.velocity`."""
-        return state[self._rows["velocity"]][:3]
+    def update(
+        self,
+        boxes: FloatArray,
+        state: Single,
+        measured: FloatArray,
+        seen: Single,
+        detections: IntArray,
+    ) -> None:
+        """Correct the first columns by detections `(n,)`, rows of `measured` and `seen`."""
+        apart = np.empty((APART_ROWS, len(detections)), np.float32)
+        kernels.update_features(
+            self.layout, boxes, state, measured, seen, detections, _NO_LIMIT, apart, NONE
+        )
+        kernels.update(self.layout, boxes, state, seen, detections, apart, NONE, NONE)
 
 
 def by_kind(parameter: Single) -> Single:

@@ -1,6 +1,7 @@
-"""Whether the compiled kernels (`_kernels.c`) were built when the package was installed.
+"""The compiled kernels (`c/`), where they were built when the package was installed.
 
-Where there was no compiler they are missing, and everything still works, only slower.
+Where there was no compiler they are missing, and everything still works, only slower: torch modules
+step the filters (`tracking.tensor_bank`), numpy does the rest.
 """
 
 from __future__ import annotations
@@ -9,3 +10,35 @@ from importlib.util import find_spec
 from typing import Final
 
 AVAILABLE: Final = find_spec("hbbatch.packed._kernels") is not None
+
+if AVAILABLE:
+    from hbbatch.packed._kernels import (
+        birth,
+        gather,
+        match,
+        mix_memory,
+        predict,
+        predict_features,
+        rectify,
+        reset_memory,
+        say,
+        settle,
+        update,
+        update_features,
+    )
+
+__all__ = [
+    "AVAILABLE",
+    "birth",
+    "gather",
+    "match",
+    "mix_memory",
+    "predict",
+    "predict_features",
+    "rectify",
+    "reset_memory",
+    "say",
+    "settle",
+    "update",
+    "update_features",
+]

@@ -1,4 +1,4 @@
-"""The two learned parts in numpy: weights packed into a few matrices."""
+"""The two learned parts: weights packed into a few matrices, products in numpy."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
 from hbbatch.motion.parameters import Parameters
+from hbbatch.packed import kernels
 from hbbatch.packed.arrays import PACKED, Single
 from hbbatch.packed.features import Features
 
@@ -29,8 +30,10 @@ class PackedResidual:
 
     def __call__(self, features: Single) -> Single:
         """Rates `(7, n)` of packed boxes."""
-        encoded = _twice_rectified(np.matmul(self._encoder, features))
-        said = _twice_rectified(np.matmul(self._heads_in, encoded))
+        encoded: Single = np.matmul(self._encoder, features)
+        kernels.rectify(encoded)
+        said: Single = np.matmul(self._heads_in, encoded)
+        kernels.rectify(said)
         rates: Single = np.matmul(self._heads_out, said)
         return rates
 
@@ -54,38 +57,22 @@ class PackedGain:
         self._kept = np.hstack([kept, kept_bias[:, None]])[rest].copy()
         self._read_out = _affine(parameters, "read_out") / np.float32(LARGEST_SAID)
 
-    def __call__(self, features: Single, learned: Single) -> tuple[Single, Single]:
-        """New memory, and factors `(8, n)` of process and measurement noise.
+    def __call__(self, features: Single) -> Single:
+        """Replaces the memory, which the features begin with; what is said of noise, `(8, n)`.
 
-        Args:
-            features: the memory is replaced in place.
-            learned: `(1, n)` zero where factors are to be one.
+        That is in [-1, 1]: factors' logarithms over `LARGEST_SAID`, of process and measurement.
         """
-        memory, with_one = features[: self._memory], features[: self._memory + 1]
-        gates = np.matmul(self._gates, features)
+        with_one = features[: self._memory + 1]
+        gates: Single = np.matmul(self._gates, features)
         np.tanh(gates, out=gates)
-        gates *= 0.5
-        gates += 0.5
-        reset, keep = gates[: self._memory], gates[self._memory :]
-        remembered = np.matmul(self._kept, with_one)
-        remembered *= reset
-        candidate = np.matmul(self._candidate, features[self._memory :])
-        candidate += remembered
+        remembered: Single = np.matmul(self._kept, with_one)
+        candidate: Single = np.matmul(self._candidate, features[self._memory :])
+        kernels.reset_memory(gates, remembered, candidate)
         np.tanh(candidate, out=candidate)
-        memory -= candidate
-        memory *= keep
-        memory += candidate
-        factors = np.matmul(self._read_out, with_one)
-        np.tanh(factors, out=factors)
-        factors *= LARGEST_SAID * learned
-        np.exp(factors, out=factors)
-        return memory, factors
-
-
-def _twice_rectified(outputs: Single) -> Single:
-    # The larger of x and 0 takes numpy longer.
-    outputs += np.abs(outputs)
-    return outputs
+        kernels.mix_memory(gates, candidate, features)
+        said: Single = np.matmul(self._read_out, with_one)
+        np.tanh(said, out=said)
+        return said
 
 
 def _affine(parameters: Parameters, layer: str) -> Single:

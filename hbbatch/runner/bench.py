@@ -169,13 +169,12 @@ def _over_floor(effort: Effort, workload: Workload) -> str:
 def _ways(
     request: BenchRequest, workload: Workload, groups: dict[str, list[SequenceFrames]]
 ) -> Table:
-    ways: dict[str, Way] = {"packed (numpy)": "packed", "eager torch modules": "tensors"}
     rows = []
     for name, group in groups.items():
-        efforts: dict[str, list[Effort]] = {way: [] for way in ways}
+        efforts: dict[Way, list[Effort]] = {way: [] for way in workload.ways}
         for _ in range(max(request.runs // 2, 1)):  # turn about, so that load hits both
-            for label, way in ways.items():
-                efforts[label].append(workload.step(group, way))
+            for way in workload.ways:
+                efforts[way].append(workload.step(group, way))
         found = {label: _median(several) for label, several in efforts.items()}
         fastest = min(effort.seconds for effort in found.values())
         for label, effort in found.items():

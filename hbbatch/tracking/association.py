@@ -6,6 +6,7 @@ in the same block (sequence and class), so results do not depend on who shares t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray, X
 from hbbatch.config import AssociationSettings
-from hbbatch.packed.kernels import AVAILABLE
+from hbbatch.packed import kernels
 from hbbatch.tracking.costs import COSTS, PLAN, reach_m, reach_over_radius, shapes_of
 
 IntArray = NDArray[np.int64]
@@ -131,32 +132,67 @@ def associate(
     Returns:
         Matched pairs, at most one a track and one a detection, the cheapest first.
     """
-    targets = lay_out(detections, detection_block, settings)
-    return match(priors, track_block, targets, slice(0, len(detections)), settings)
+    matching = matcher(detections, detection_block, settings)
+    return matching(priors, track_block, slice(0, len(detections)))
+
+
+Matcher = Callable[[FloatArray, IntArray, slice], Pairs]
+"""Matches prior boxes `(n, 7)` of blocks `(n,)` to a slice of the detections."""
+
+
+def matcher(
+    detections: FloatArray,
+    block: IntArray,
+    settings: AssociationSettings,
+    batch: IntArray | None = None,
+) -> Matcher:
+    """`associate` for batches of detections that are known beforehand.
+
+    The default cost is compiled where there was a compiler, all others are not.
+
+    Args:
+        detections: `(m, 7)` detected boxes, world frame.
+        block: `(m,)`; a track matches only detections of its own block.
+        settings: cost and threshold.
+        batch: `(m,)` ascending; slices that are matched are batches. None: all are one.
+    """
+    if kernels.AVAILABLE and settings.cost == "ciou_3d":
+        return compiled_matcher(detections, block, settings.threshold)
+    targets = lay_out(detections, block, settings, batch)
+    return lambda priors, track_block, part: match(
+        priors, track_block, targets.batch(part), settings
+    )
+
+
+def compiled_matcher(detections: FloatArray, block: IntArray, threshold: float) -> Matcher:
+    """The compiled kernel of the cost ciou_3d."""
+    boxes, stretch = np.ascontiguousarray(detections), reach_over_radius(threshold)
+
+    def match_compiled(priors: FloatArray, track_block: IntArray, part: slice) -> Pairs:
+        rows, numbers = np.empty((2, min(len(priors), part.stop - part.start)), np.int64)
+        count = kernels.match(
+            np.ascontiguousarray(priors.T),
+            track_block,
+            boxes,
+            block,
+            rows,
+            numbers,
+            part.start,
+            part.stop,
+            stretch,
+            threshold,
+        )
+        return Pairs(rows[:count], numbers[:count])
+
+    return match_compiled
 
 
 def match(
-    priors: FloatArray,
-    track_block: IntArray,
-    targets: Targets,
-    part: slice,
-    settings: AssociationSettings,
-) -> Pairs:
-    """`associate` with one of the batches that `lay_out` kept apart.
-
-    The default cost is compiled where there was a compiler, all others are not.
-    """
-    if not len(priors) or part.start == part.stop:
-        return Pairs.none()
-    if AVAILABLE and settings.cost == "ciou_3d":
-        return match_compiled(priors, track_block, targets, part, settings.threshold)
-    return match_any_cost(priors, track_block, targets.batch(part), settings)
-
-
-def match_any_cost(
     priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
 ) -> Pairs:
-    """`match` with all detections laid out, in numpy."""
+    """`associate` with a batch of detections laid out already, in numpy."""
+    if not len(targets.order):
+        return Pairs.none()
     shapes = shapes_of(priors)
     reach = reach_m(shapes, settings.cost, settings.threshold)
     pairs = candidates(shapes[PLAN], track_block, reach, targets)
@@ -166,33 +202,6 @@ def match_any_cost(
     affordable = np.count_nonzero(costs < settings.threshold)
     found = greedy(pairs.take(costs.argsort(kind="stable")[:affordable]))
     return Pairs(found.track, targets.order[found.detection])
-
-
-def match_compiled(
-    priors: FloatArray, track_block: IntArray, targets: Targets, part: slice, threshold: float
-) -> Pairs:
-    """`match` with the cost ciou_3d, by the compiled kernel."""
-    from hbbatch.packed import _kernels
-
-    found = np.empty((2, min(len(priors), part.stop - part.start)), np.int64)
-    count = _kernels.match(
-        np.ascontiguousarray(priors.T),
-        np.ascontiguousarray(track_block),
-        targets.shapes,
-        targets.reach_m,
-        targets.key,
-        targets.order,
-        found[0],
-        found[1],
-        part.start,
-        part.stop,
-        targets.widest_m[part.start],
-        targets.low_m,
-        targets.high_m,
-        reach_over_radius(threshold),
-        threshold,
-    )
-    return Pairs(found[0, :count], found[1, :count])
 
 
 def candidates(

@@ -7,7 +7,7 @@ front, so that the update works on a prefix and nothing is scattered.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ from hbbatch.tracking.schedule import Schedule
 
 Said = tuple[FloatArray, FloatArray]
 """Boxes `(n, 7)` and velocities in m/s `(n, 3)`, world frame."""
-
-SAID_WIDTH: Final = 10
-"""Numbers of a box and its velocity, kept side by side."""
 
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
@@ -53,13 +50,16 @@ class FilterBank(Protocol):
     def truncate(self, count: int) -> None:
         """Drop all rows but the first."""
 
-    def append(self, detections: IntArray, kinds: IntArray) -> None:
+    def append(self, detections: IntArray) -> None:
         """Add rows born from detections of the group."""
 
-    def say(self, rows: IntArray | slice, places: IntArray) -> None:
+    def reserve(self, places: int) -> None:
+        """Have so many places, those of the group's detections counted."""
+
+    def say(self, rows: IntArray, places: IntArray) -> None:
         """Remember the boxes and velocities of some rows as they are now, each in its place.
 
-        Places are the numbers of the group's detections, and others after them one by one.
+        Places are the numbers of the group's detections, and those reserved after them.
         """
 
     def said(self, places: IntArray) -> Said:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights_files import WeightsFile, open_weights
+from hbbatch.packed import kernels
 from hbbatch.tracking.bank import MakeBank
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
@@ -37,7 +38,7 @@ class Tracker:
         self.class_names = file.class_names
         self.weights_hash = file.content_hash
         self._kinds = np.array(file.kind_codes)
-        self._make_bank = _banks(file, device)
+        self._make_bank = banks(file, device)
 
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
@@ -51,9 +52,9 @@ class Tracker:
             yield replace(done, seconds=seconds)
 
 
-def _banks(file: WeightsFile, device: str) -> MakeBank:
-    """On a CPU the packed filter; the torch modules on any other device."""
-    if device == "cpu":
+def banks(file: WeightsFile, device: str) -> MakeBank:
+    """On a CPU the packed filter, if it is compiled; else the torch modules."""
+    if device == "cpu" and kernels.AVAILABLE:
         return packed_banks(file)
     from hbbatch.tracking.tensor_bank import tensor_banks  # torch, which a CPU does without
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hbbatch.boxes import FloatArray
 from hbbatch.config import TrackSettings
-from hbbatch.tracking.association import Pairs, lay_out, match
+from hbbatch.tracking.association import Pairs, matcher
 from hbbatch.tracking.bank import FilterBank
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.recorder import Recorder
@@ -46,14 +46,13 @@ class LockStep:
         self._recorder = Recorder(plan, bank)
         self._offsets = plan.offsets.tolist()
         sequences = len(plan.first_step)
-        self._next_id = np.ones(sequences, np.int64)
         self._work = np.zeros(sequences)
         self._clock = StageSeconds()
         self._frame_at_start = plan.first_frame - plan.first_step
-        self._kinds = kind_of_class[plan.class_codes]
-        self._block = plan.sequence * (kind_of_class.max(initial=0) + 1) + self._kinds
+        kinds = kind_of_class[plan.class_codes]
+        self._block = plan.sequence * (kind_of_class.max(initial=0) + 1) + kinds
         steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
-        self._targets = lay_out(plan.boxes, self._block, settings.association, steps)
+        self._match = matcher(plan.boxes, self._block, settings.association, steps)
 
     def run(self) -> Iterator[tuple[int, SequenceTracks, StageSeconds]]:
         """Step through the timetable; yields (sequence number, its boxes, its share of time)."""
@@ -74,7 +73,8 @@ class LockStep:
             predicted = perf_counter()
             pairs = self._associate(step, priors)
         associated = perf_counter()
-        alive = self._settle(pairs)
+        order, alive = self._rows.settle(pairs.track, self._settings.management.max_misses)
+        self._arrange(order)
         if len(pairs.track):
             self._bank.update(pairs.detection)
         updated = perf_counter()
@@ -96,23 +96,7 @@ class LockStep:
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
         """Matched (row, detection number of the group)."""
         part = slice(self._offsets[step], self._offsets[step + 1])
-        return match(priors, self._rows.block, self._targets, part, self._settings.association)
-
-    def _settle(self, pairs: Pairs) -> int:
-        """Count misses; matched rows go to the front, those that die now to the end.
-
-        Returns:
-            How many rows stay alive.
-        """
-        rows = self._rows
-        rows.count_step()
-        rows.misses[pairs.track] = 0
-        rows.patience[pairs.track] = self._settings.management.max_misses
-        (missed,) = rows.misses.nonzero()
-        lives = rows.misses[missed] < rows.patience[missed]
-        coasting, dying = missed[lives], missed[~lives]
-        self._arrange(np.concatenate([pairs.track, coasting, dying]))
-        return len(rows) - len(dying)
+        return self._match(priors, self._rows.block, part)
 
     def _arrange(self, order: IntArray) -> None:
         self._rows.arrange(order)
@@ -126,38 +110,27 @@ class LockStep:
             rows.truncate(alive)
             self._bank.truncate(alive)
         start, stop = self._offsets[step], self._offsets[step + 1]
-        free = np.ones(stop - start, bool)
-        free[matched - start] = False
-        (newborn,) = free.nonzero()
-        if len(newborn):
-            self._give_birth(newborn + start)
+        if len(matched) < stop - start:
+            free = np.ones(stop - start, bool)
+            free[matched - start] = False
+            self._give_birth(free.nonzero()[0] + start)
 
     def _record(self, step: int, matched: IntArray) -> None:
         """Record the matched rows, which are the first, and those that are said while coasting."""
         output, rows = self._settings.output, self._rows
-        first = slice(len(matched))
-        self._recorder.add(rows.identities(first), matched, first)
+        count = len(matched)
+        self._recorder.add(rows.first[:count], matched, np.arange(count))
         if output.protocol == "online" and output.max_coasted:
             misses = rows.misses
             (coasted,) = ((misses > 0) & (misses <= output.max_coasted)).nonzero()
-            self._recorder.add_coasted(step, rows.identities(coasted), coasted)
+            self._recorder.add_coasted(step, rows.first[coasted], coasted)
 
     def _give_birth(self, newborn: IntArray) -> None:
-        plan, rows = self._plan, self._rows
-        sequence, first = plan.sequence[newborn], len(rows)
-        code, block = plan.class_codes[newborn], self._block[newborn]
-        self._bank.append(newborn, self._kinds[newborn])
+        rows, alive = self._rows, len(self._rows)
+        self._bank.append(newborn)
         patience = self._settings.management.max_misses_unconfirmed
-        rows.append(sequence, self._new_ids(sequence), code, block, patience)
-        born = slice(first, len(rows))
-        self._recorder.add(rows.identities(born), newborn, born)
-
-    def _new_ids(self, sequence: IntArray) -> IntArray:
-        """Consecutive ids within each sequence; newborns are sorted by sequence."""
-        first = np.searchsorted(sequence, sequence)
-        ids = self._next_id[sequence] + np.arange(len(sequence)) - first
-        self._next_id += np.bincount(sequence, minlength=len(self._next_id))
-        return ids
+        rows.append(newborn, self._plan.sequence[newborn], self._block[newborn], patience)
+        self._recorder.add(newborn, newborn, np.arange(alive, len(rows)))
 
     def _share(self, sequence: int) -> StageSeconds:
         """The sequence's part of the time so far, by track steps; it leaves the account."""

@@ -8,10 +8,11 @@ from threadpoolctl import threadpool_limits
 from hbbatch.boxes import FloatArray
 from hbbatch.errors import WeightsError
 from hbbatch.model.weights_files import WeightsFile
-from hbbatch.packed.arrays import CENTRE, PACKED, Single
+from hbbatch.packed import kernels
 from hbbatch.packed.filters import packed_filter
-from hbbatch.packed.kalman import PackedFilter
-from hbbatch.tracking.bank import SAID_WIDTH, MakeBank, Said, with_room
+from hbbatch.packed.kalman import PackedKalman
+from hbbatch.packed.room import Room
+from hbbatch.tracking.bank import MakeBank, Said, with_room
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 
@@ -37,7 +38,7 @@ def packed_banks(file: WeightsFile) -> MakeBank:
 class PackedBank:
     """A `FilterBank` with a column a track; what each detection implies is worked out at once."""
 
-    def __init__(self, motion: PackedFilter, plan: Schedule, kinds: IntArray) -> None:
+    def __init__(self, motion: PackedKalman, plan: Schedule, kinds: IntArray) -> None:
         """Start without rows.
 
         Args:
@@ -46,53 +47,67 @@ class PackedBank:
             kinds: `(n,)` kind code of each detection.
         """
         self._motion = motion
-        self._measured = np.ascontiguousarray(plan.boxes.T[PACKED])
+        self._kinds = kinds
+        self._measured = np.ascontiguousarray(plan.boxes)
         self._times = motion.times(plan.dt_s)
         self._seen = motion.detections(plan.sight_m, kinds)
-        self._boxes: FloatArray = np.empty((7, 0))
-        self._state: Single = np.empty((motion.height, 0), np.float32)
-        self._said: FloatArray = np.empty((len(plan.scores), SAID_WIDTH))
+        self._boxes: Room[np.float64] = Room(7, np.float64)
+        self._state: Room[np.float32] = Room(motion.height, np.float32)
+        self._said_boxes: FloatArray = np.empty((len(plan.scores), 7))
+        self._said_velocity: FloatArray = np.empty((len(plan.scores), 3))
 
     def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
         """See `FilterBank.predict`."""
-        times = self._times.take(frames, axis=1)
-        prior = self._motion.predict(self._boxes, self._state, times)
-        if damping is not None:
-            prior[CENTRE] = self._boxes[CENTRE] + damping * (prior[CENTRE] - self._boxes[CENTRE])
-        self._boxes = prior
-        boxes: FloatArray = prior[PACKED].T
-        return boxes
+        boxes, state = self._boxes.whole, self._state.whole
+        return self._motion.predict(boxes, state, self._times, frames, damping).T
 
     def arrange(self, order: IntArray) -> None:
         """See `FilterBank.arrange`."""
-        self._boxes = self._boxes[:, order]
-        self._state = self._state[:, order]
+        self._boxes.arrange(order)
+        self._state.arrange(order)
 
     def update(self, detections: IntArray) -> None:
         """See `FilterBank.update`."""
-        first = slice(len(detections))
-        measured, seen = self._measured[:, detections], self._seen[:, detections]
-        self._motion.update(self._boxes[:, first], self._state[:, first], measured, seen)
+        boxes, state = self._boxes.whole, self._state.whole
+        self._motion.update(boxes, state, self._measured, self._seen, detections)
 
     def truncate(self, count: int) -> None:
         """See `FilterBank.truncate`."""
-        self._boxes = self._boxes[:, :count]
-        self._state = self._state[:, :count]
+        self._boxes.truncate(count)
+        self._state.truncate(count)
 
-    def append(self, detections: IntArray, kinds: IntArray) -> None:
+    def append(self, detections: IntArray) -> None:
         """See `FilterBank.append`."""
-        boxes = self._measured[:, detections]
-        born = self._motion.birth(boxes, self._seen[:, detections], kinds)
-        self._boxes = np.concatenate([self._boxes, boxes], axis=1)
-        self._state = np.concatenate([self._state, born], axis=1)
+        first = self._boxes.append(len(detections)).start
+        self._state.append(len(detections))
+        self._motion.birth(
+            self._boxes.whole,
+            self._state.whole,
+            self._measured,
+            self._seen,
+            detections,
+            self._kinds,
+            first,
+        )
 
-    def say(self, rows: IntArray | slice, places: IntArray) -> None:
+    def reserve(self, places: int) -> None:
+        """See `FilterBank.reserve`."""
+        self._said_boxes = with_room(self._said_boxes, places)
+        self._said_velocity = with_room(self._said_velocity, places)
+
+    def say(self, rows: IntArray, places: IntArray) -> None:
         """See `FilterBank.say`."""
-        self._said = with_room(self._said, int(places.max(initial=-1)) + 1)
-        self._said[places, :7] = self._boxes[:, rows][PACKED].T
-        self._said[places, 7:] = self._motion.velocity(self._state)[:, rows].T
+        kernels.say(
+            self._boxes.whole,
+            self._state.whole,
+            rows,
+            places,
+            self._said_boxes,
+            self._said_velocity,
+            self._motion.velocity,
+        )
 
     def said(self, places: IntArray) -> Said:
         """See `FilterBank.said`."""
-        said = self._said[places]
-        return said[:, :7].copy(), said[:, 7:].copy()
+        boxes = self._said_boxes.take(places, axis=0)
+        return boxes, self._said_velocity.take(places, axis=0)

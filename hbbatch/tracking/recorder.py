@@ -14,67 +14,72 @@ from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 
-_SEQUENCE, _TRACK_ID, _CLASS_CODE, _STEP = range(4)
-
 
 class Recorder:
-    """Identities and steps by place; boxes are collected by the bank, where they are."""
+    """Tracks and steps by place; boxes are collected by the bank, where they are.
+
+    A track is known by the detection it was born from, and numbered when its sequence is finished.
+    """
 
     def __init__(self, plan: Schedule, bank: FilterBank) -> None:
         """Nothing recorded yet."""
         self._plan = plan
         self._bank = bank
-        self._said = np.empty((len(plan.scores), 4), np.int64)
-        self._said[:, _SEQUENCE] = plan.sequence
-        self._said[:, _STEP] = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+        self._first = np.empty(len(plan.scores), np.int64)
+        self._step = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+        self._places = len(plan.scores)
         sequences = len(plan.first_step)
         counts = np.bincount(plan.sequence, minlength=sequences)
         order = plan.sequence.argsort(kind="stable")
         self._detections = np.split(order, np.cumsum(counts)[:-1])
-        self._places = len(plan.scores)
         self._coasted: list[list[IntArray]] = [[] for _ in range(sequences)]
 
-    def add(self, identities: IntArray, detections: IntArray, rows: slice) -> None:
+    def add(self, first: IntArray, detections: IntArray, rows: IntArray) -> None:
         """Record what is said of detections. Nothing is synchronised here.
 
         Args:
-            identities: `(3, k)` sequence, track id and class code.
+            first: `(k,)` detection that each track was born from.
             detections: `(k,)` of the group.
-            rows: of their tracks.
+            rows: `(k,)` of the tracks.
         """
-        self._said[detections, _TRACK_ID : _CLASS_CODE + 1] = identities[1:].T
+        self._first[detections] = first
         self._bank.say(rows, detections)
 
-    def add_coasted(self, step: int, identities: IntArray, rows: IntArray) -> None:
+    def add_coasted(self, step: int, first: IntArray, rows: IntArray) -> None:
         """Record what a step says of rows without a detection."""
         if not len(rows):
             return
-        first, self._places = self._places, self._places + len(rows)
-        self._said = with_room(self._said, self._places)
-        places = np.arange(first, self._places)
-        self._said[places, :_STEP], self._said[places, _STEP] = identities.T, step
+        start, self._places = self._places, self._places + len(rows)
+        self._first = with_room(self._first, self._places)
+        self._step = with_room(self._step, self._places)
+        places = np.arange(start, self._places)
+        self._first[places], self._step[places] = first, step
+        self._bank.reserve(self._places)
         self._bank.say(rows, places)
-        order = identities[0].argsort(kind="stable")
-        numbers, starts = np.unique(identities[0][order], return_index=True)
+        sequence = self._plan.sequence[first]
+        order = sequence.argsort(kind="stable")
+        numbers, starts = np.unique(sequence[order], return_index=True)
         for number, part in zip(numbers, np.split(places[order], starts[1:]), strict=True):
             self._coasted[number].append(part)
 
     def finish(self, sequence: int) -> SequenceTracks:
         """All boxes of a finished sequence, sorted by frame and track."""
-        places = np.concatenate([self._detections[sequence], *self._coasted[sequence]])
-        said = self._said[places]
-        order = np.lexsort((said[:, _TRACK_ID], said[:, _STEP]))
-        place, (_, track_id, class_code, step) = places[order], said[order].T
-        seen = place < len(self._plan.scores)
-        detection = np.where(seen, place, -1)
-        boxes, velocity_m_s = self._bank.said(place)
+        plan, detections = self._plan, self._detections[sequence]
+        born = detections[self._first[detections] == detections]
+        places = np.concatenate([detections, *self._coasted[sequence]])
+        first, step = self._first[places], self._step[places]
+        order = (step * len(plan.scores) + first).argsort(kind="stable")
+        places, first, step = places[order], first[order], step[order]
+        seen = places < len(plan.scores)
+        detection = np.where(seen, places, -1)
+        boxes, velocity_m_s = self._bank.said(places)
         return SequenceTracks(
-            frame_index=step - self._plan.first_step[sequence],
-            track_id=track_id,
-            class_code=class_code,
+            frame_index=step - plan.first_step[sequence],
+            track_id=born.searchsorted(first) + 1,
+            class_code=plan.class_codes[first],
             state=np.where(seen, TrackState.DETECTED, TrackState.COASTED).astype(np.int8),
-            score=np.where(seen, self._plan.scores[detection], np.nan),
+            score=np.where(seen, plan.scores[detection], np.nan),
             boxes=boxes,
             velocity_m_s=velocity_m_s,
-            detection_row=np.where(seen, self._plan.row[detection], -1),
+            detection_row=np.where(seen, plan.row[detection], -1),
         )

@@ -4,91 +4,92 @@ from __future__ import annotations
 
 import numpy as np
 
+from hbbatch.packed import kernels
+from hbbatch.packed.room import Room
 from hbbatch.tracking.frames import IntArray
 
-_COLUMNS = 7
-_COUNTERS = slice(5, 7)
+_FIRST, _SEQUENCE, _BLOCK, _PATIENCE, _AGE, _MISSES = range(6)
 
 
 class RowTable:
     """One integer matrix, a column a track, so that rearranging the tracks is one copy.
 
-    Boxes and filter state of the same rows lie in a `FilterBank`.
+    Boxes and filter state of the same rows lie in a `FilterBank`. What is handed out is a view of
+    the matrix, until it is arranged again.
     """
 
     def __init__(self) -> None:
         """An empty table."""
-        self._cells: IntArray = np.empty((_COLUMNS, 0), np.int64)
+        self._cells: Room[np.int64] = Room(6, np.int64)
 
     def __len__(self) -> int:
-        return len(self.sequence)
+        return self._cells.count
+
+    @property
+    def first(self) -> IntArray:
+        """`(n,)` the detection of the group that the track was born from: who it is."""
+        return self._cells.row(_FIRST)
 
     @property
     def sequence(self) -> IntArray:
         """`(n,)` number of the sequence in the group."""
-        return self._column(0)
-
-    @property
-    def track_id(self) -> IntArray:
-        """`(n,)` identity within the sequence."""
-        return self._column(1)
-
-    @property
-    def class_code(self) -> IntArray:
-        """`(n,)` class of the first detection."""
-        return self._column(2)
+        return self._cells.row(_SEQUENCE)
 
     @property
     def block(self) -> IntArray:
         """`(n,)` tracks match detections of their own block only: same sequence, same kind."""
-        return self._column(3)
-
-    @property
-    def patience(self) -> IntArray:
-        """`(n,)` consecutive misses that end the track."""
-        return self._column(4)
+        return self._cells.row(_BLOCK)
 
     @property
     def age(self) -> IntArray:
         """`(n,)` steps since birth."""
-        return self._column(5)
+        return self._cells.row(_AGE)
 
     @property
     def misses(self) -> IntArray:
         """`(n,)` consecutive steps without a detection."""
-        return self._column(6)
+        return self._cells.row(_MISSES)
 
-    def _column(self, number: int) -> IntArray:
-        column: IntArray = self._cells[number]
-        return column
+    def settle(self, matched: IntArray, max_misses: int) -> tuple[IntArray, int]:
+        """Count a step: all rows age, and all but the matched ones miss one.
 
-    def count_step(self) -> None:
-        """A step without a detection, for all rows: they age and miss one."""
-        self._cells[_COUNTERS] += 1
+        Args:
+            matched: rows, each once; from now on they bear `max_misses` of them.
+            max_misses: consecutive misses that end a track.
 
-    def identities(self, rows: IntArray | slice) -> IntArray:
-        """`(3, k)` sequence, track id and class code of some rows."""
-        cells: IntArray = self._cells[:3, rows]
-        return cells
+        Returns:
+            The order in which matched rows come first, as given, and those that die last; and how
+            many live on.
+        """
+        if not kernels.AVAILABLE:
+            return self.settle_any(matched, max_misses)
+        order = np.empty(len(self), np.int64)
+        return order, kernels.settle(self._cells.whole, matched, order, len(self), max_misses)
+
+    def settle_any(self, matched: IntArray, max_misses: int) -> tuple[IntArray, int]:
+        """`settle` in numpy."""
+        misses, patience = self.misses, self._cells.row(_PATIENCE)
+        self.age[:] += 1
+        misses += 1
+        misses[matched] = 0
+        patience[matched] = max_misses
+        (missed,) = misses.nonzero()
+        lives = misses[missed] < patience[missed]
+        order = np.concatenate([matched, missed[lives], missed[~lives][::-1]])
+        return order, len(matched) + int(np.count_nonzero(lives))
 
     def arrange(self, order: IntArray) -> None:
         """Row `order[i]` becomes row i; rows not named are dropped."""
-        self._cells = self._cells[:, order]
+        self._cells.arrange(order)
 
     def truncate(self, count: int) -> None:
         """Drop all rows but the first."""
-        self._cells = self._cells[:, :count]
+        self._cells.truncate(count)
 
-    def append(
-        self,
-        sequence: IntArray,
-        track_id: IntArray,
-        class_code: IntArray,
-        block: IntArray,
-        patience: int,
-    ) -> None:
+    def append(self, first: IntArray, sequence: IntArray, block: IntArray, patience: int) -> None:
         """Add newborn tracks."""
-        born = np.zeros((_COLUMNS, len(sequence)), np.int64)
-        born[:4] = sequence, track_id, class_code, block
-        born[4] = patience
-        self._cells = np.concatenate([self._cells, born], axis=1)
+        new = self._cells.append(len(first))
+        cells = self._cells.whole
+        cells[_FIRST, new], cells[_SEQUENCE, new], cells[_BLOCK, new] = first, sequence, block
+        cells[_PATIENCE, new] = patience
+        cells[_AGE:, new] = 0

@@ -13,12 +13,15 @@ from hbbatch.boxes import FloatArray
 from hbbatch.model.filters import Measurement, MotionFilter
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import WeightsFile
-from hbbatch.tracking.bank import SAID_WIDTH, MakeBank, Said
+from hbbatch.tracking.bank import MakeBank, Said
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 
 ROW_PADDING: Final = 64
 """Tensors grow by so many rows at once, so that a device sees few different shapes."""
+
+SAID_WIDTH: Final = 10
+"""Numbers of a box and its velocity: both come to the host at once."""
 
 
 def tensor_banks(file: WeightsFile, device: str) -> MakeBank:
@@ -30,7 +33,7 @@ def tensor_banks(file: WeightsFile, device: str) -> MakeBank:
     torch.set_num_threads(1)
     where = torch.device(device)
     motion = build_loaded(file).to(where).eval()
-    return lambda plan, _kinds: TensorBank(motion, plan, where)
+    return lambda plan, kinds: TensorBank(motion, plan, kinds, where)
 
 
 class TensorBank:
@@ -41,10 +44,13 @@ class TensorBank:
     """
 
     @torch.inference_mode()
-    def __init__(self, motion: MotionFilter, plan: Schedule, device: torch.device) -> None:
+    def __init__(
+        self, motion: MotionFilter, plan: Schedule, kinds: IntArray, device: torch.device
+    ) -> None:
         """Stage the detections of a group on the device."""
         self._motion = motion
         self._device = device
+        self._kinds = kinds
         self._dt_s = plan.dt_s
         self._measured = Measurement(
             to_device(plan.boxes, device),
@@ -92,23 +98,26 @@ class TensorBank:
             self.arrange(np.arange(count))
 
     @torch.inference_mode()
-    def append(self, detections: IntArray, kinds: IntArray) -> None:
+    def append(self, detections: IntArray) -> None:
         """See `FilterBank.append`."""
         seen = self._measurement(detections)
-        born = self._motion.birth(seen, to_device(_padded(kinds), self._device))
+        born = self._motion.birth(seen, to_device(_padded(self._kinds[detections]), self._device))
         count = len(detections)
         self._boxes = torch.cat([self._boxes[: self._count], seen.boxes[:count]])
         self._state = torch.cat([self._state[: self._count], born[:count]])
         self.arrange(np.arange(self._count + count))
 
     @torch.inference_mode()
-    def say(self, rows: IntArray | slice, places: IntArray) -> None:
+    def reserve(self, places: int) -> None:
+        """See `FilterBank.reserve`."""
+        if places > len(self._said):
+            self._said = torch.cat([self._said, self._said.new_empty(places, SAID_WIDTH)])
+
+    @torch.inference_mode()
+    def say(self, rows: IntArray, places: IntArray) -> None:
         """See `FilterBank.say`."""
-        where = rows if isinstance(rows, slice) else to_device(rows, self._device)
+        where = to_device(rows, self._device)
         velocity = self._motion.velocity(self._state[where])
-        missing = int(places.max(initial=-1)) + 1 - len(self._said)
-        if missing > 0:
-            self._said = torch.cat([self._said, self._said.new_empty(2 * missing, SAID_WIDTH)])
         said = torch.cat([self._boxes[where], velocity], dim=1)
         self._said.index_copy_(0, to_device(places, self._device), said)
 

@@ -17,17 +17,18 @@ from torch import nn
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import open_weights
+from hbbatch.packed import kernels
 from hbbatch.tracking.bank import FilterBank, MakeBank
+from hbbatch.tracking.engine import banks
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
-from hbbatch.tracking.packed_bank import packed_banks
 from hbbatch.tracking.pieces import cut
 from hbbatch.tracking.plain import track_plainly
 from hbbatch.tracking.schedule import schedule
 from hbbatch.tracking.tensor_bank import tensor_banks
 from hbbatch.tracking.tracks import StageSeconds
 
-Way = Literal["packed", "tensors"]
+Way = Literal["engine's own", "eager torch modules"]
 
 
 @dataclass(frozen=True)
@@ -59,16 +60,15 @@ class Workload:
         self._settings = settings
         self._motion = build_loaded(file).eval()
         self._kinds = np.array(file.kind_codes)
-        self._ways: dict[Way, MakeBank] = {
-            "packed": packed_banks(file),
-            "tensors": tensor_banks(file, "cpu"),
-        }
+        self.ways: dict[Way, MakeBank] = {"engine's own": banks(file, "cpu")}
+        if kernels.AVAILABLE:
+            self.ways["eager torch modules"] = tensor_banks(file, "cpu")
 
-    def step(self, group: Sequence[SequenceFrames], way: Way = "packed") -> Effort:
+    def step(self, group: Sequence[SequenceFrames], way: Way = "engine's own") -> Effort:
         """Track a group in lock step."""
         start = perf_counter()
         plan = schedule([piece.frames for piece in cut(group, self._settings.management)])
-        bank = _Counting(self._ways[way](plan, self._kinds[plan.class_codes]))
+        bank = _Counting(self.ways[way](plan, self._kinds[plan.class_codes]))
         stages = StageSeconds()
         for _, _, share in LockStep(plan, bank, self._kinds, self._settings).run():
             for stage, seconds in vars(share).items():
@@ -134,10 +134,9 @@ class _Counting:
 
     def __init__(self, bank: FilterBank) -> None:
         self._bank = bank
+        self.arrange, self.truncate, self.append = bank.arrange, bank.truncate, bank.append
+        self.reserve, self.say, self.said = bank.reserve, bank.say, bank.said
         self.predicted = self.updated = 0
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._bank, name)
 
     def predict(self, frames: Any, damping: Any) -> Any:
         self.predicted += len(frames)

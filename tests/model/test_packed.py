@@ -20,7 +20,10 @@ from tests.model.twins import packed
 
 KINDS = ("vehicle", "pedestrian", "cyclist")
 TOLERANCE = 2e-4
-TRACKS = 40
+TRACKS = 150
+"""More than two of the blocks that the kernels work on."""
+
+pytestmark = pytest.mark.usefixtures("kernels")
 
 
 def shaken(motion: nn.Module) -> nn.Module:
@@ -95,28 +98,37 @@ def step_both(make: type[nn.Module], model: MotionModel, smallest_m: float) -> f
     seen = detections(rng, smallest_m=smallest_m)
     smallest = np.inf
     boxes, rows = seen.boxes, motion.birth(seen, torch.from_numpy(kinds))
-    packed_boxes = boxes.numpy().T[PACKED]
+    columns, frames = np.arange(TRACKS), np.arange(TRACKS)
+    packed_boxes = np.full((7, TRACKS + 3), np.nan)
+    state = np.full((twin.height, TRACKS + 5), np.nan, np.float32)
     features = twin.detections(seen.sight_m.numpy(), kinds)
-    state = twin.birth(packed_boxes, features, kinds)
+    measured = np.ascontiguousarray(seen.boxes.numpy())
+    twin.birth(packed_boxes, state, measured, features, columns, kinds, 0)
     for step in range(6):
         dt = rng.uniform(0.05, 0.3, TRACKS).astype(np.float32)
         boxes, rows = motion.predict(boxes, rows, torch.from_numpy(dt))
-        packed_boxes = twin.predict(packed_boxes, state, twin.times(dt))
-        assert_same(boxes, packed_boxes)
+        prior = twin.predict(packed_boxes, state, twin.times(dt), frames, None)
+        assert_same(boxes, prior)
         if step == 3:  # a step without detections
             continue
         seen = detections(rng, boxes.numpy(), smallest_m)
         boxes, rows = motion.update(boxes, rows, seen)
         features = twin.detections(seen.sight_m.numpy(), kinds)
-        twin.update(packed_boxes, state, seen.boxes.numpy().T[PACKED], features)
-        assert_same(boxes, packed_boxes)
+        order = rng.permutation(TRACKS)  # where detections lie does not matter
+        places = order.argsort()
+        measured = seen.boxes.numpy()[order]
+        twin.update(packed_boxes, state, measured, features[order], places)
+        assert_same(boxes, packed_boxes[PACKED, :TRACKS])
         velocity = motion.velocity(rows).numpy().T
-        assert twin.velocity(state) == pytest.approx(velocity, abs=TOLERANCE, rel=TOLERANCE)
+        found = state[twin.velocity : twin.velocity + 3, :TRACKS]
+        assert found == pytest.approx(velocity, abs=TOLERANCE, rel=TOLERANCE)
         smallest = min(smallest, float(boxes[:, 3:6].min()))
+    assert np.isnan(packed_boxes[:, TRACKS:]).all()
+    assert np.isnan(state[:, TRACKS:]).all()
     return smallest
 
 
-def assert_same(boxes: torch.Tensor, packed_boxes: np.ndarray) -> None:
-    difference = boxes.numpy() - packed_boxes[PACKED].T
+def assert_same(boxes: torch.Tensor, fields: np.ndarray) -> None:
+    difference = boxes.numpy() - fields.T
     difference[:, 6] = np.sin(difference[:, 6] / 2)
     assert np.abs(difference).max() < TOLERANCE

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import Pairs, associate, candidates, greedy, lay_out, match
+from hbbatch.tracking.association import Pairs, associate, candidates, greedy, lay_out, matcher
 from hbbatch.tracking.costs import COSTS, shapes_of
 
 COST_NAMES = sorted(COSTS)
@@ -93,16 +93,17 @@ def test_blocks_never_mix_and_do_not_change_each_other() -> None:
     assert set(zip(*both, strict=True)) == pairs | {(t + 20, d + 20) for t, d in pairs}
 
 
-def test_batches_laid_out_together_match_as_if_alone() -> None:
+@pytest.mark.parametrize("cost", COST_NAMES)
+def test_batches_laid_out_together_match_as_if_alone(cost: str) -> None:
     """A group's detections are sorted once, and each lock step takes its slice."""
     rng = np.random.default_rng(6)
-    settings = AssociationSettings()
+    settings = AssociationSettings(cost=cost)  # type: ignore[arg-type]
     priors, detections = boxes_around(rng, 30), boxes_around(rng, 60)
     block, batch = rng.integers(0, 2, 60), np.repeat([0, 1], 30)
-    targets = lay_out(detections, block, settings, batch)
+    matching = matcher(detections, block, settings, batch)
     for start in (0, 30):
         part = slice(start, start + 30)
-        found = match(priors, block[:30], targets, part, settings)
+        found = matching(priors, block[:30], part)
         alone = associate(priors, block[:30], detections[part], block[part], settings)
         there = {(track, detection + start) for track, detection in zip(*alone, strict=True)}
         assert set(zip(*found, strict=True)) == there
@@ -116,11 +117,13 @@ def test_a_prior_far_outside_all_detections_reaches_no_other_block() -> None:
     assert len(associate(lost, block[:1], detections, block, settings).track) == 0
 
 
-def test_nothing_to_match_is_no_error() -> None:
+@pytest.mark.parametrize("cost", COST_NAMES)
+def test_nothing_to_match_is_no_error(cost: str) -> None:
+    settings = AssociationSettings(cost=cost)  # type: ignore[arg-type]
     none, one = np.empty((0, 7)), boxes_around(np.random.default_rng(0), 1)
     empty, block = np.empty(0, np.int64), np.zeros(1, np.int64)
-    assert len(associate(none, empty, one, block, AssociationSettings()).track) == 0
-    assert len(associate(one, block, none, empty, AssociationSettings()).track) == 0
+    assert len(associate(none, empty, one, block, settings).track) == 0
+    assert len(associate(one, block, none, empty, settings).track) == 0
 
 
 @pytest.mark.parametrize("cost", COST_NAMES)

@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import Targets, lay_out, match_any_cost, match_compiled
+from hbbatch.tracking.association import compiled_matcher, lay_out, match
 from tests.tracking.test_association import boxes_around, cost_of
 
 pytestmark = pytest.mark.usefixtures("kernels")
+
+MOST_COST = 1.8
+"""How far boxes can be matched is known for thresholds below this only."""
 
 PAIR_TOLERANCE = 1e-9
 """Costs this near may be taken in either order: sines are rounded in different ways."""
@@ -33,9 +36,8 @@ def assert_same_pairs(
     batch = np.repeat([0, 1], [start, len(detections) - start])
     targets = lay_out(detections, detection_block, settings, batch)
     part = slice(start, len(detections))
-    assert settings.threshold == threshold
-    slow = match_any_cost(priors, track_block, targets.batch(part), settings)
-    fast = match_compiled(priors, track_block, targets, part, threshold)
+    slow = match(priors, track_block, targets.batch(part), settings)
+    fast = compiled_matcher(detections, detection_block, threshold)(priors, track_block, part)
     if not all(np.array_equal(*columns) for columns in zip(slow, fast, strict=True)):
         costs = [
             np.sort(cost_of("ciou_3d", priors[pairs.track], detections[pairs.detection]))
@@ -71,19 +73,20 @@ def test_detections_near_their_tracks_half_turned(seed: int, far_m: float) -> No
 
 
 @given(st.integers(0, 10**6))
-def test_boxes_on_a_grid_share_edges_and_corners(seed: int) -> None:
+def test_boxes_that_share_edges_and_corners_cost_the_same(seed: int) -> None:
     """Sizes and places that are whole metres, headings that are quarter turns."""
     rng = np.random.default_rng(seed)
-
-    def boxes(count: int) -> np.ndarray:
-        found = np.zeros((count, 7))
-        found[:, :2] = rng.integers(-4, 5, (count, 2))
-        found[:, 3:6] = rng.integers(1, 4, (count, 3))
-        found[:, 6] = 0.5 * np.pi * rng.integers(-2, 3, count)
-        return found
-
-    block = np.zeros(20, np.int64)
-    assert_same_pairs(boxes(20), block, boxes(15), block[:15])
+    boxes = np.zeros((2, 1, 7))
+    boxes[..., :2] = rng.integers(-2, 3, (2, 1, 2))
+    boxes[..., 3:6] = rng.integers(1, 4, (2, 1, 3))
+    boxes[..., 6] = 0.5 * np.pi * rng.integers(-2, 3, (2, 1))
+    prior, detection = boxes
+    (cost,) = cost_of("ciou_3d", prior, detection)
+    assume(cost < MOST_COST)
+    block = np.zeros(1, np.int64)
+    for threshold, found in ((cost + PAIR_TOLERANCE, 1), (cost - PAIR_TOLERANCE, 0)):
+        matching = compiled_matcher(detection, block, threshold)
+        assert len(matching(prior, block, slice(0, 1)).track) == found
 
 
 def test_far_blocks() -> None:
@@ -98,17 +101,27 @@ def test_far_blocks() -> None:
 @pytest.mark.parametrize(("tracks", "detections"), [(0, 5), (5, 0), (0, 0)])
 def test_empty_sides(tracks: int, detections: int) -> None:
     rng = np.random.default_rng(1)
-    targets = lay_out(boxes_around(rng, 8), np.zeros(8, np.int64), AssociationSettings())
+    matching = compiled_matcher(boxes_around(rng, 8), np.zeros(8, np.int64), 1.3)
     priors, block = boxes_around(rng, tracks), np.zeros(tracks, np.int64)
-    assert not len(match_compiled(priors, block, targets, slice(2, 2 + detections), 1.3).track)
+    assert not len(matching(priors, block, slice(2, 2 + detections)).track)
 
 
-def arguments(targets: Targets) -> list[Any]:
+def test_what_is_not_a_number_is_not_matched() -> None:
+    rng = np.random.default_rng(4)
+    priors = boxes_around(rng, 12)
+    detections = priors.copy()
+    priors[0, 0] = priors[1, 1] = priors[2, 6] = detections[3, 0] = detections[4, 3] = np.nan
+    block = np.zeros(12, np.int64)
+    found = compiled_matcher(detections, block, 1.3)(priors, block, slice(0, 12))
+    assert {(i, i) for i in range(5, 12)} <= set(zip(*found, strict=True))
+    assert not set(found.track) & {0, 1, 2}
+    assert not set(found.detection) & {3, 4}
+
+
+def arguments(detections: np.ndarray) -> list[Any]:
     rows = np.empty((2, 4), np.int64)
-    return [
-        *(np.ones((7, 4)), np.zeros(4, np.int64), targets.shapes, targets.reach_m, targets.key),
-        *(targets.order, rows[0], rows[1], 0, 6, 3.0, 0.0, 1.0, 1.0, 1.3),
-    ]
+    none = np.zeros(4, np.int64)
+    return [np.ones((7, 4)), none, detections, np.zeros(6, np.int64), *rows, 0, 6, 1.0, 1.3]
 
 
 @pytest.mark.parametrize(
@@ -121,34 +134,31 @@ def arguments(targets: Targets) -> list[Any]:
         (0, "priors"),
         (1, np.zeros(3, np.int64)),
         (1, np.zeros(4, np.int32)),
-        (2, np.zeros((12, 12))[:, ::2]),
-        (2, np.zeros((11, 6))),
-        (3, np.zeros(5)),
-        (4, np.zeros(7)),
-        (5, np.zeros(5, np.int64)),
-        (6, np.zeros(3, np.int64)),
-        (7, np.zeros(3, np.int64)),
-        (8, -1),
-        (9, 7),
-        (8, 7),
-        (12, "1"),
+        (2, np.zeros((6, 14))[:, ::2]),
+        (2, np.zeros((6, 6))),
+        (3, np.zeros(5, np.int64)),
+        (4, np.zeros(3, np.int64)),
+        (5, np.zeros(3, np.int64)),
+        (6, -1),
+        (6, 7),
+        (7, 7),
+        (7, -(2**63)),
+        (7, 2**80),
+        (8, "1"),
     ],
 )
 def test_what_does_not_fit_is_refused(kernels: ModuleType, place: int, wrong: object) -> None:
-    detections = boxes_around(np.random.default_rng(2), 6)
-    targets = lay_out(detections, np.zeros(6, np.int64), AssociationSettings())
-    right = arguments(targets)
+    right = arguments(boxes_around(np.random.default_rng(2), 6))
     assert kernels.match(*right) >= 0
     right[place] = wrong
-    with pytest.raises((ValueError, TypeError)):
+    with pytest.raises((ValueError, TypeError, OverflowError)):
         kernels.match(*right)
     with pytest.raises(ValueError, match="number of arguments"):
         kernels.match(*right[:-1])
 
 
 def test_what_is_written_must_be_writable(kernels: ModuleType) -> None:
-    detections = boxes_around(np.random.default_rng(3), 6)
-    right = arguments(lay_out(detections, np.zeros(6, np.int64), AssociationSettings()))
-    right[6].flags.writeable = False
+    right = arguments(boxes_around(np.random.default_rng(3), 6))
+    right[4].flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
         kernels.match(*right)

@@ -8,6 +8,7 @@ import torch
 
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights import load_filter
+from hbbatch.tracking.bank import FilterBank
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import PackedBank
 from hbbatch.tracking.plain import track_plainly
@@ -24,18 +25,20 @@ BOX_TOLERANCE = 1e-3
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
 @pytest.mark.parametrize("bank", ["tensors", "packed"])
 @torch.inference_mode()
-def test_lock_step_says_what_the_plain_loop_says(name: str, bank: str) -> None:
+def test_lock_step_says_what_the_plain_loop_says(
+    name: str, bank: str, request: pytest.FixtureRequest
+) -> None:
     loaded = load_filter(name, None, ["car"])
     settings = TrackSettings.model_validate({"filter": name})
     kinds = np.array(loaded.kind_codes)
     motion = loaded.motion.eval()
     group = [passing_cars(seed, name=str(seed)) for seed in range(3)]
     plan = schedule(group)
-    rows = (
-        TensorBank(motion, plan, torch.device("cpu"))
-        if bank == "tensors"
-        else PackedBank(packed(motion), plan, kinds[plan.class_codes])
-    )
+    codes = kinds[plan.class_codes]
+    rows: FilterBank = TensorBank(motion, plan, codes, torch.device("cpu"))
+    if bank == "packed":
+        request.getfixturevalue("kernels")
+        rows = PackedBank(packed(motion), plan, codes)
     for number, tracks, _ in LockStep(plan, rows, kinds, settings).run():
         plain = track_plainly(group[number], motion, kinds, settings)
         assert by_track(tracks).keys() == {i + 1 for i in range(len(plain))}

@@ -13,7 +13,7 @@ from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.tracking import tensor_bank as bank_module
 from hbbatch.tracking.lockstep import LockStep
-from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.schedule import Schedule, schedule
 from hbbatch.tracking.tensor_bank import ROW_PADDING, TensorBank
 from tests.tracking.drives import passing_cars
 
@@ -21,6 +21,11 @@ GPU = torch.device("meta")
 """Stands for a GPU: under fake tensors any mix of it with the host's tensors is an error."""
 
 KINDS = ("vehicle", "pedestrian", "cyclist")
+
+
+def no_kinds(plan: Schedule) -> np.ndarray:
+    """All detections are of the first kind."""
+    return np.zeros(len(plan.scores), np.int64)
 
 
 @pytest.fixture
@@ -49,7 +54,7 @@ def test_on_a_gpu_nothing_mixes_devices_and_the_host_waits_once_a_step(
     plan = schedule([passing_cars(seed, frames=12, name=str(seed)) for seed in range(2)])
     motion = make(KINDS, "ct").to(GPU)
     with FakeTensorMode(allow_non_fake_inputs=True):
-        bank = TensorBank(motion, plan, GPU)  # type: ignore[arg-type]
+        bank = TensorBank(motion, plan, no_kinds(plan), GPU)  # type: ignore[arg-type]
         lock_step = LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings())
         finished = [number for number, _, _ in lock_step.run()]
     assert sorted(finished) == [0, 1]
@@ -64,7 +69,7 @@ def test_a_tensor_left_on_the_host_fails(fetched: list[Tensor]) -> None:
     motion = KalmanFilter(KINDS, "ct").to(GPU)
     motion.log_q_size = nn.Parameter(torch.zeros(3, 3))
     with FakeTensorMode(allow_non_fake_inputs=True):
-        bank = TensorBank(motion, plan, GPU)
+        bank = TensorBank(motion, plan, no_kinds(plan), GPU)
         with pytest.raises(RuntimeError, match="same device"):
             list(LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings()).run())
     assert not fetched
@@ -80,6 +85,6 @@ def test_rows_are_padded_so_that_a_device_sees_few_shapes() -> None:
 
     plan = schedule([passing_cars(seed, frames=30, name=str(seed)) for seed in range(3)])
     with torch.inference_mode():
-        bank = TensorBank(Watching(KINDS), plan, torch.device("cpu"))
+        bank = TensorBank(Watching(KINDS), plan, no_kinds(plan), torch.device("cpu"))
         list(LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings()).run())
     assert shapes <= {ROW_PADDING, 2 * ROW_PADDING}

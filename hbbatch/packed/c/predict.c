@@ -1,0 +1,151 @@
+/* PackedKalman.predict and PackedHybrid.predict. */
+#include "state.h"
+
+/* motion.covariance.propagate: P becomes F P F' + Q. A block takes from later ones only. */
+static void propagate(const Tracks *t, const float *times, Py_ssize_t step, const int64_t *frames) {
+    float *covariance = part(t, COVARIANCE), weight[BLOCK];
+    const float *noise = part(t, NOISE);
+    const int64_t *pair = t->layout + LAYOUT_LENGTH;
+    for (Py_ssize_t m = 0; m < t->mixed + t->blocks; m++) {
+        int mixes = m < t->mixed;
+        pick(times + (WEIGHTS + m) * step, frames, t->n, weight);
+        float *to = covariance + AXES * (mixes ? pair[2 * m] : m - t->mixed) * t->step;
+        const float *from = mixes ? covariance + AXES * pair[2 * m + 1] * t->step : noise;
+        for (int axis = 0; axis < AXES; axis++, to += t->step, from += t->step)
+            for (int j = 0; j < t->n; j++) to[j] += from[j] * weight[j];
+    }
+}
+
+/* model.kalman: the state goes on by a time step; mean velocity of the axes meanwhile. */
+static void advance(const Tracks *t, const float *times, Py_ssize_t step, const int64_t *frames,
+                    const float *dt, const float *half, Rows mean) {
+    float *size = part(t, SIZE_VARIANCE), *v = part(t, VELOCITY);
+    const float *noise = part(t, SIZE_NOISE), *a = part(t, ACCELERATION);
+    propagate(t, times, step, frames);
+    for (int row = 0; row < 3; row++)
+        for (int j = 0; j < t->n; j++) size[row * t->step + j] += noise[row * t->step + j] * dt[j];
+    for (int axis = 0; axis < AXES; axis++)
+        for (int j = 0; j < t->n; j++) {
+            Py_ssize_t at = axis * t->step + j;
+            float gained = t->layout[ORDER] == 3 ? a[at] * half[j] : 0.0f;
+            mean[axis][j] = v[at] + gained;
+            v[at] = mean[axis][j] + gained;
+        }
+    if (!t->layout[TURNS]) return;
+    /* The chord of a turn points along the heading in the middle of it. */
+    float c[BLOCK], s[BLOCK];
+    for (int j = 0; j < t->n; j++) {
+        float angle = v[3 * t->step + j] * half[j];
+        c[j] = cosf(angle), s[j] = sinf(angle);
+    }
+    turn(mean[0], mean[1], c, s, 1.0f, t->n);
+    for (int axis = 0; axis < 2; axis++)
+        memcpy(v + axis * t->step, mean[axis], sizeof(float) * (size_t)t->n);
+    turn(v, v + t->step, c, s, 1.0f, t->n);
+}
+
+/* What the residual predictor said, (7, n) in the heading frame, becomes rates of the world. */
+static void residual(const Tracks *t, const float *said, Py_ssize_t step, const float *inverse_dt,
+                     Rows rate) {
+    const float *learned = part(t, LEARNED);
+    float c[BLOCK], s[BLOCK];
+    heading(t->boxes + YAW * t->box_step, c, s, t->n);
+    for (int row = 0; row < BOX; row++)
+        for (int j = 0; j < t->n; j++) rate[row][j] = said[row * step + j] * learned[j];
+    for (int row = SIZE; row < 3; row++)
+        for (int j = 0; j < t->n; j++) {
+            double least = (SMALLEST_SIZE_M - t->boxes[row * t->box_step + j]) * inverse_dt[j];
+            if (rate[row][j] < least) rate[row][j] = (float)least;
+        }
+    turn(rate[PLAN], rate[PLAN + 1], c, s, 1.0f, t->n);
+}
+
+/* What the learned filter remembers of a step: its rates, times since detection and birth. */
+static void remember_step(const Tracks *t, Rows rate, const float *tenths, const float *inverse) {
+    float *history = part(t, HISTORY), *counter = part(t, COUNTERS), *elapsed = part(t, ELAPSED);
+    size_t bytes = sizeof(float) * (size_t)t->n;
+    for (Py_ssize_t row = t->layout[HISTORY_END] - t->layout[HISTORY] - 1; row >= 0; row--)
+        memcpy(history + row * t->step,
+               row < BOX ? rate[row] : history + (row - BOX) * t->step, bytes);
+    for (int row = 0; row < 2; row++)
+        for (int j = 0; j < t->n; j++) {
+            Py_ssize_t at = row * t->step + j;
+            counter[at] += tenths[j];
+            elapsed[at] = log1pf(LEAST(counter[at], LONGEST_TENTHS));
+        }
+    memcpy(part(t, INVERSE_DT), inverse, bytes);
+    log_sizes(t);
+}
+
+/* PackedHybrid: velocity and history in the heading frame, all else as it is. */
+PyObject *predict_features(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "l1d2F2f2l1f1F2", 0);
+    if (taken < 0) return NULL;
+    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *out = a + 6;
+    const int64_t *l = layout->view.buf, *frames = a[4].view.buf;
+    Py_ssize_t all = a[4].columns, rows = out->rows;
+    if (!lies_within(layout, state, 1) || boxes->rows != BOX || boxes->columns < all ||
+        state->columns < all || times->rows < WEIGHTS || !within(a + 4, times->columns) ||
+        rows != l[HISTORY_END] || rows > state->rows || out->columns != all || a[5].columns > rows)
+        return release(a, taken), refuse("predict_features: shapes do not agree");
+    for (Py_ssize_t start = 0; start < all; start += BLOCK) {
+        Tracks t = some(layout, boxes, state, start, all);
+        float *features = (float *)out->view.buf + start, c[BLOCK], s[BLOCK];
+        pick((const float *)times->view.buf + IN_TENTHS * times->columns, frames + start, t.n,
+             part(&t, TENTHS));
+        for (Py_ssize_t row = 0; row < rows; row++)
+            memcpy(features + row * all, t.state + row * t.step, sizeof(float) * (size_t)t.n);
+        heading(t.boxes + YAW * t.box_step, c, s, t.n);
+        /* Elapsed and tenths are as many rows as a size, so velocity is laid out like a rate. */
+        for (Py_ssize_t row = l[ELAPSED] + PLAN; row < rows; row += BOX)
+            turn(features + row * all, features + (row + 1) * all, c, s, -1.0f, t.n);
+        limit(features, all, a + 5, rows, t.n);
+    }
+    release(a, taken);
+    Py_RETURN_NONE;
+}
+
+/* PackedKalman.predict and, with what the residual predictor said, PackedHybrid.predict. */
+PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "l1D2F2f2l1f2d1D2", 0);
+    if (taken < 0) return NULL;
+    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *said = a + 5, *out = a + 7;
+    Py_ssize_t all = a[4].columns, step = times->columns;
+    int learned = said->rows > 0, damped = a[6].columns > 0;
+    if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
+        state->columns < all || !within(a + 4, step) || (learned && said->rows != BOX) ||
+        (learned && said->columns != all) || (damped && a[6].columns != all) || out->rows != BOX ||
+        out->columns != all ||
+        times->rows !=
+            WEIGHTS + (layout->columns - LAYOUT_LENGTH) / 2 + blocks_of(layout->view.buf))
+        return release(a, taken), refuse("predict: shapes do not agree");
+    for (Py_ssize_t start = 0; start < all; start += BLOCK) {
+        Tracks t = some(layout, boxes, state, start, all);
+        const int64_t *frames = (const int64_t *)a[4].view.buf + start;
+        const double *share = (const double *)a[6].view.buf + start;
+        double *prior = (double *)out->view.buf + start;
+        float rate[BOX][BLOCK] = {{0}}, mean[AXES][BLOCK], time[WEIGHTS][BLOCK];
+        for (int row = 0; row < WEIGHTS; row++)
+            pick((const float *)times->view.buf + row * step, frames, t.n, time[row]);
+        if (learned) residual(&t, (const float *)said->view.buf + start, all, time[INVERSE], rate);
+        advance(&t, times->view.buf, step, frames, time[DT_S], time[HALF_S], mean);
+        for (int axis = 0; axis < AXES; axis++)
+            for (int j = 0; j < t.n; j++) rate[MOTION + axis][j] += mean[axis][j];
+        for (int row = 0; row < BOX; row++) {
+            double *box = t.boxes + row * t.box_step;
+            int centre = row >= MOTION && row < YAW;
+            for (int j = 0; j < t.n; j++) {
+                double moved = box[j] + rate[row][j] * time[DT_S][j];
+                box[j] = damped && centre ? box[j] + share[j] * (moved - box[j]) : moved;
+                prior[FIELD[row] * all + j] = box[j];
+            }
+        }
+        if (learned) remember_step(&t, rate, time[IN_TENTHS], time[INVERSE]);
+    }
+    release(a, taken);
+    Py_RETURN_NONE;
+}

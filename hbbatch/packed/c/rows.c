@@ -1,0 +1,139 @@
+/* Bookkeeping of tracks: columns moved, counted, begun and said; parts of the networks. */
+#include "arrays.h"
+
+/* Rows of the table of tracks (tracking.rows). */
+enum { PATIENCE = 3, AGE, MISSES, CELL_ROWS };
+
+/* settle(cells, matched, order, count, patience) -> how many live on; tracking.rows.settle_any. */
+PyObject *settle(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "L2l1L1", 2);
+    if (taken < 0) return NULL;
+    Py_ssize_t n = PyNumber_AsSsize_t(given[3], PyExc_OverflowError), wide = a[0].columns;
+    Py_ssize_t max_misses = PyNumber_AsSsize_t(given[4], PyExc_OverflowError);
+    Py_ssize_t matched = a[1].columns, alive = matched, dying = n;
+    if (PyErr_Occurred()) return release(a, taken), NULL;
+    if (a[0].rows != CELL_ROWS || n < 0 || n > wide || matched > n || a[2].columns != n ||
+        !within(a + 1, n))
+        return release(a, taken), refuse("settle: shapes do not agree");
+    int64_t *patience = (int64_t *)a[0].view.buf + PATIENCE * wide, *age = patience + wide;
+    int64_t *misses = age + wide, *order = a[2].view.buf;
+    const int64_t *rows = a[1].view.buf;
+    for (Py_ssize_t i = 0; i < n; i++) age[i]++, misses[i]++;
+    for (Py_ssize_t k = 0; k < matched; k++) {
+        misses[rows[k]] = 0, patience[rows[k]] = max_misses;
+        order[k] = rows[k];
+    }
+    /* Coasting rows follow on the matched ones; dying ones lie at the end, the last one first. */
+    Py_ssize_t missed = 0;
+    for (Py_ssize_t i = 0; i < n; i++) missed += misses[i] != 0;
+    if (missed != n - matched) return release(a, taken), refuse("settle: a row is matched twice");
+    for (Py_ssize_t i = 0; i < n; i++)
+        if (misses[i]) order[misses[i] < patience[i] ? alive++ : --dying] = i;
+    release(a, taken);
+    return PyLong_FromSsize_t(alive);
+}
+
+/* gather(source, order, target): column order[i] becomes column i; numbers of 4 or 8 bytes. */
+PyObject *gather(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "x2l1X2", 0);
+    if (taken < 0) return NULL;
+    Py_ssize_t size = a[0].view.itemsize, from = a[0].columns, to = a[2].columns, n = a[1].columns;
+    if (a[0].rows != a[2].rows || size != a[2].view.itemsize || n > to || !within(a + 1, from))
+        return release(a, taken), refuse("gather: shapes do not agree");
+    const int64_t *order = a[1].view.buf;
+    for (Py_ssize_t row = 0; row < a[0].rows; row++)
+        if (size == 8) {
+            const uint64_t *source = (const uint64_t *)a[0].view.buf + row * from;
+            uint64_t *target = (uint64_t *)a[2].view.buf + row * to;
+            for (Py_ssize_t i = 0; i < n; i++) target[i] = source[order[i]];
+        } else {
+            const uint32_t *source = (const uint32_t *)a[0].view.buf + row * from;
+            uint32_t *target = (uint32_t *)a[2].view.buf + row * to;
+            for (Py_ssize_t i = 0; i < n; i++) target[i] = source[order[i]];
+        }
+    release(a, taken);
+    Py_RETURN_NONE;
+}
+
+/* say(boxes, state, rows, places, said_boxes, said_velocity, velocity): box, in the order of its
+ * fields, and velocity (from that row of the state on) of each track to its place. */
+PyObject *say(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    static const int packed[7] = {3, 4, 5, 0, 1, 2, 6};
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "d2f2l1l1D2D2", 1);
+    if (taken < 0) return NULL;
+    Py_ssize_t velocity = PyNumber_AsSsize_t(given[6], PyExc_OverflowError), n = a[2].columns;
+    if (PyErr_Occurred()) return release(a, taken), NULL;
+    if (a[0].rows != 7 || velocity < 0 || velocity > a[1].rows - 3 || a[3].columns != n ||
+        a[4].columns != 7 || a[5].columns != 3 ||
+        !within(a + 2, LEAST(a[0].columns, a[1].columns)) ||
+        !within(a + 3, LEAST(a[4].rows, a[5].rows)))
+        return release(a, taken), refuse("say: shapes do not agree");
+    const double *boxes = a[0].view.buf;
+    const float *speed = (const float *)a[1].view.buf + velocity * a[1].columns;
+    const int64_t *rows = a[2].view.buf, *places = a[3].view.buf;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        double *box = (double *)a[4].view.buf + 7 * places[i];
+        double *velocity_m_s = (double *)a[5].view.buf + 3 * places[i];
+        for (int field = 0; field < 7; field++)
+            box[field] = boxes[packed[field] * a[0].columns + rows[i]];
+        for (int axis = 0; axis < 3; axis++)
+            velocity_m_s[axis] = speed[axis * a[1].columns + rows[i]];
+    }
+    release(a, taken);
+    Py_RETURN_NONE;
+}
+
+/* rectify(x): twice what a rectifier gives, in place (network._twice_rectified). */
+PyObject *rectify(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "F2", 0);
+    if (taken < 0) return NULL;
+    float *x = a[0].view.buf;
+    for (Py_ssize_t i = 0; i < a[0].rows * a[0].columns; i++) x[i] += fabsf(x[i]);
+    release(a, taken);
+    Py_RETURN_NONE;
+}
+
+/* reset_memory(gates, remembered, candidate): what the reset gate lets through is added to the
+ * candidate. Gates come as tanh(x / 2); the first rows are the reset gate's. */
+PyObject *reset_memory(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "f2f2F2", 0);
+    if (taken < 0) return NULL;
+    if (a[0].rows != 2 * a[1].rows || a[2].rows != a[1].rows || a[0].columns != a[1].columns ||
+        a[2].columns != a[1].columns)
+        return release(a, taken), refuse("reset_memory: shapes do not agree");
+    const float *reset = a[0].view.buf, *remembered = a[1].view.buf;
+    float *candidate = a[2].view.buf;
+    for (Py_ssize_t i = 0; i < a[1].rows * a[1].columns; i++)
+        candidate[i] += remembered[i] * (0.5f * reset[i] + 0.5f);
+    release(a, taken);
+    Py_RETURN_NONE;
+}
+
+/* mix_memory(gates, candidate, features): the memory, which the features begin with, keeps what the
+ * second gate says and takes the rest from the candidate. */
+PyObject *mix_memory(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+    (void)module;
+    Array a[MOST_ARRAYS];
+    int taken = take(a, given, count, "f2f2F2", 0);
+    if (taken < 0) return NULL;
+    if (a[0].rows != 2 * a[1].rows || a[2].rows < a[1].rows || a[0].columns != a[1].columns ||
+        a[2].columns != a[1].columns)
+        return release(a, taken), refuse("mix_memory: shapes do not agree");
+    Py_ssize_t cells = a[1].rows * a[1].columns;
+    const float *keep = (const float *)a[0].view.buf + cells, *candidate = a[1].view.buf;
+    float *memory = a[2].view.buf;
+    for (Py_ssize_t i = 0; i < cells; i++)
+        memory[i] = (memory[i] - candidate[i]) * (0.5f * keep[i] + 0.5f) + candidate[i];
+    release(a, taken);
+    Py_RETURN_NONE;
+}
