@@ -125,7 +125,19 @@ class KindConfidence(Settings):
     """What makes boxes of one kind of road user likely right, with and without a detection."""
 
     detected: ConfidenceWeights
-    undetected: ConfidenceWeights
+    undetected: ConfidenceWeights | None = Field(
+        None, description="without: predictions are not written, interpolated boxes unjudged"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _not_of_old(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.keys() & ConfidenceWeights.model_fields.keys():
+            raise ValueError(
+                "weights are given for detected and undetected boxes apart. "
+                "Make the file again with hbbatch calibrate --from-labels"
+            )
+        return given
 
 
 class OutputSettings(Settings):
@@ -146,7 +158,11 @@ class OutputSettings(Settings):
         "those not named: as shipped",
     )
     min_confidence: float = Field(
-        0.5, ge=0, le=1, description="boxes judged less likely to be right are not written"
+        0.5,
+        ge=0,
+        le=1,
+        description="boxes judged less likely to be right are not written; "
+        "0: all are, predictions included",
     )
     min_track_score: ScoreCut = Field(
         None, description="boxes of tracks whose mean detection score is lower are not written"

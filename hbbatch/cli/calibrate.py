@@ -47,7 +47,7 @@ def calibrate(
         )
     for name in report.too_few:
         typer.echo(
-            f"{name}: too few lasting tracks, or scores too alike; all boxes will be written",
+            f"{name}: too few lasting tracks, or scores too alike; all detections will be written",
             err=True,
         )
     for kind in sorted({kind for kinds in report.weights.values() for kind in kinds}):

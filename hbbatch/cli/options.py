@@ -54,7 +54,10 @@ class ProtocolChoice(StrEnum):
 
 ProtocolOption = Annotated[
     ProtocolChoice | None,
-    typer.Option(help="gap_filled (default): gaps interpolated; online: causal."),
+    typer.Option(
+        help="gap_filled (default): looks back, so gaps are filled and tracks begin earlier; "
+        "online: causal, likely predictions are said as well."
+    ),
 ]
 
 

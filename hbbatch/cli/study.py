@@ -17,13 +17,19 @@ def study(
         Path | None,
         typer.Option(help="Markdown page for the tables, between markers."),
     ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for trained weights; an interrupted study goes on with what is there."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Train and judge variants by cross-validation over sequences; print the tables."""
     from hbbatch.runner.study import load_study, run_study
     from hbbatch.runner.study_tables import markdown, put_into_page
 
-    report = run_study(load_study(file), lambda what: typer.echo(what, err=True))
+    report = run_study(load_study(file), lambda what: typer.echo(what, err=True), keep)
     tables = markdown(report)
     if out is not None:
         put_into_page(out, file.name, tables)

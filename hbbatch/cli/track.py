@@ -100,8 +100,8 @@ def print_report(report: TrackReport, settings: TrackSettings) -> None:
     print_summary(f"Run {report.run}", [*_counts(report), *effort, *_places(report), *odd])
     if report.tracked and not settings.output.judges:
         typer.echo(
-            "Weak boxes are written as well: the scale of this detector's scores is unknown. "
-            "`hbbatch calibrate` finds it."
+            "Weak boxes are written as well, and no predictions: the scale of this detector's "
+            "scores is unknown. `hbbatch calibrate` finds it."
         )
 
 

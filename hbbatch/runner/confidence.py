@@ -17,7 +17,7 @@ from hbbatch.evaluation.verdicts import NOT_JUDGED, RIGHT, verdicts
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.projection import Camera
 from hbbatch.runner.confidence_fit import fit
-from hbbatch.tracking.confidence import features, has_detection, scale_of
+from hbbatch.tracking.confidence import features, scale_of
 from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 
 FEWEST_DETECTIONS: Final = 100
@@ -41,16 +41,12 @@ class Lesson:
 
     kind: str
     features: FloatArray
+    detected: NDArray[np.bool_]
     right: NDArray[np.bool_]
-
-    @property
-    def detected(self) -> NDArray[np.bool_]:
-        """Which boxes are those of a detection."""
-        return has_detection(self.features)
 
     def take(self, rows: NDArray[np.bool_]) -> Lesson:
         """Some of the boxes."""
-        return Lesson(self.kind, self.features[rows], self.right[rows])
+        return Lesson(self.kind, self.features[rows], self.detected[rows], self.right[rows])
 
 
 def uncut_output(output: OutputSettings) -> OutputSettings:
@@ -96,22 +92,23 @@ def lessons(
         rows = (found != NOT_JUDGED) & (
             sequence.tracked.tracks.class_code == class_names.index(name)
         )
-        given = features(sequence.tracked.evidence.take(rows), scale)
-        yield Lesson(KIND_OF_CLASS[name], given, found[rows] == RIGHT)
+        known = sequence.tracked.evidence.take(rows)
+        right = found[rows] == RIGHT
+        yield Lesson(KIND_OF_CLASS[name], features(known, scale), known.detected, right)
 
 
 def learned(by_detector: Iterable[Sequence[Lesson]]) -> dict[str, KindConfidence]:
     """Weights by kind, every detector counting the same.
 
     What holds for all kinds together is where each starts from, so that a kind with few boxes is
-    judged sensibly. Kinds without any are left out. Boxes that were not detected are judged as
-    detected ones where there are too few of them to learn from.
+    judged sensibly. Kinds without any are left out, and so are weights for boxes without a
+    detection where there are too few of them to learn from.
     """
     lessons_of = [list(of_detector) for of_detector in by_detector]
     detected = _learned([[q.take(q.detected) for q in lessons] for lessons in lessons_of])
     undetected = _learned([[q.take(~q.detected) for q in lessons] for lessons in lessons_of])
     return {
-        kind: KindConfidence(detected=weights, undetected=undetected.get(kind, weights))
+        kind: KindConfidence(detected=weights, undetected=undetected.get(kind))
         for kind, weights in detected.items()
     }
 

@@ -53,7 +53,7 @@ from hbbatch.runner.confidence import (
     uncut_output,
 )
 from hbbatch.runner.labelled import Judgement, judged, labelled_sequences
-from hbbatch.runner.train import train
+from hbbatch.runner.study_weights import StudyWeights
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
@@ -173,8 +173,15 @@ def _with_paths_found(variant: Variant, folder: Path) -> Variant:
     return variant.model_copy(update={"weights": found})
 
 
-def run_study(study: StudySettings, progress: Progress = lambda _: None) -> StudyReport:
+def run_study(
+    study: StudySettings, progress: Progress = lambda _: None, keep: Path | None = None
+) -> StudyReport:
     """Train and judge every variant, fold by fold.
+
+    Args:
+        study: what to compare.
+        progress: called with what is done next.
+        keep: folder for trained weights, which are used again where they are there.
 
     Raises:
         DatasetError: a dataset is missing or holds too few labelled sequences for the folds.
@@ -184,7 +191,7 @@ def run_study(study: StudySettings, progress: Progress = lambda _: None) -> Stud
     materials = {name: _material(root, study.classes) for name, root in study.datasets.items()}
     folds = _folds(materials, study.folds)
     with tempfile.TemporaryDirectory() as folder:
-        judge = _Judge(study, materials, folds, Path(folder), progress)
+        judge = _Judge(study, materials, folds, StudyWeights(keep or Path(folder)), progress)
         for seed in study.seeds:
             for variant in study.variants:
                 judge.run(variant, seed)
@@ -209,17 +216,15 @@ class _Judge:
     """What judging any variant needs, and what was found so far.
 
     Attributes:
-        trained: weights by what they were trained with: variants may only track differently.
         judged: what weights are worth, by their path and the fold held out.
     """
 
     study: StudySettings
     materials: Mapping[str, _Material]
     folds: list[list[str]]
-    folder: Path
+    weights: StudyWeights
     progress: Progress
     report: StudyReport = field(default_factory=StudyReport)
-    trained: dict[str, Path] = field(default_factory=dict)
     judged: dict[tuple[Any, ...], _Judged] = field(default_factory=dict)
 
     def run(self, variant: Variant, seed: int) -> None:
@@ -262,7 +267,7 @@ class _Judge:
             name: _likely(
                 material,
                 [found[name][s] for s in fold],
-                _judging(scales[name], weights_of_kind, protocol),
+                _judging(variant, scales[name], weights_of_kind, protocol),
                 classes,
             )
             for name, material in self.materials.items()
@@ -283,15 +288,10 @@ class _Judge:
         return path
 
     def _trained(self, variant: Variant, seed: int, fold: Sequence[str]) -> Path:
-        """Weights trained without a fold, unless another variant was trained alike."""
         names = variant.train_on or self.study.datasets
         roots = [*(self.study.datasets[name] for name in names), *variant.also]
         settings = TrainSettings.model_validate({**variant.train, "seed": seed})
-        alike = repr((variant.filter, settings, roots, fold))
-        if alike not in self.trained:
-            self.trained[alike] = self.folder / f"{len(self.trained)}.safetensors"
-            train(roots, self.trained[alike], settings, kind=variant.filter, hold_out=fold)
-        return self.trained[alike]
+        return self.weights.trained(roots, settings, variant.filter, fold)
 
     def _judged(self, variant: Variant, path: Path, fold: Sequence[str]) -> _Judged:
         _, held_out = labelled_sequences(list(self.study.datasets.values())).split(fold)
@@ -365,13 +365,15 @@ def _lessons(
 
 
 def _judging(
+    variant: Variant,
     scales: Mapping[str, ScoreScale],
     weights: dict[str, KindConfidence],
     protocol: ProtocolName,
 ) -> OutputSettings:
     """Settings that judge the kinds learned in this fold only: shipped weights know all folds."""
     known = {name: scale for name, scale in scales.items() if KIND_OF_CLASS[name] in weights}
-    return OutputSettings(protocol=protocol, score_scale=known, confidence={protocol: weights})
+    chosen = {"protocol": protocol, "score_scale": known, "confidence": {protocol: weights}}
+    return OutputSettings.model_validate({**variant.track.get("output", {}), **chosen})
 
 
 def _likely(

@@ -38,8 +38,6 @@ TERMS: Final = "CC BY-NC-SA 3.0 (learned from KITTI: non-commercial)"
 _LOWEST, _HIGHEST = -4.0, 2.0
 _RANGE_UNIT_M: Final = 50.0
 _LONGEST_UNSEEN_S: Final = 2.0
-_UNSEEN: Final = 7
-"""Column of the time without a detection."""
 
 
 def confidence(
@@ -48,7 +46,9 @@ def confidence(
     output: OutputSettings,
     class_names: Sequence[str],
 ) -> FloatArray:
-    """Probability of each row's box to be right, `(n,)`; NaN where the class has no score scale.
+    """Probability of each row's box to be right, `(n,)`; NaN where that cannot be judged.
+
+    It cannot where the class has no score scale, or its kind no weights for boxes like this one.
 
     Args:
         evidence: of each row.
@@ -67,7 +67,8 @@ def confidence(
         if scale is None or of_kind is None:
             continue
         rows = class_code == code
-        probability[rows] = judged(features(evidence.take(rows), scale), of_kind)
+        of_class = evidence.take(rows)
+        probability[rows] = judged(features(of_class, scale), of_class.detected, of_kind)
     return probability
 
 
@@ -99,19 +100,20 @@ def features(evidence: Evidence, scale: ScoreScale) -> FloatArray:
     )
 
 
-def judged(given: FloatArray, weights: KindConfidence) -> FloatArray:
-    """Logistic function of `features` `(n, 8)`, `(n,)`."""
-    detected = given @ np.array(weights.detected.in_order())
-    undetected = given @ np.array(weights.undetected.in_order())
-    evidence = np.where(has_detection(given), detected, undetected)
-    probability: FloatArray = np.exp(-np.logaddexp(0.0, -evidence))
+def judged(given: FloatArray, detected: NDArray[np.bool_], weights: KindConfidence) -> FloatArray:
+    """Logistic function of `features` `(n, 8)`, `(n,)`; NaN where there are no weights for it.
+
+    Args:
+        given: `features`.
+        detected: `(n,)` which boxes have a detection.
+        weights: for those that have, and those that have not.
+    """
+    probability = np.full(len(given), np.nan)
+    for rows, of_rows in ((detected, weights.detected), (~detected, weights.undetected)):
+        if of_rows is not None:
+            evidence = given[rows] @ np.array(of_rows.in_order())
+            probability[rows] = np.exp(-np.logaddexp(0.0, -evidence))
     return probability
-
-
-def has_detection(given: FloatArray) -> NDArray[np.bool_]:
-    """Which rows of `features` are those of detected boxes, `(n,)`."""
-    detected: NDArray[np.bool_] = given[:, _UNSEEN] == 0.0
-    return detected
 
 
 def scale_of(scores: FloatArray, persists: NDArray[np.bool_]) -> ScoreScale | None:

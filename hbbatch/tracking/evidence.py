@@ -78,7 +78,8 @@ def _evidence(
     seen = (tracks.detection_row >= 0)[order]
     score = np.where(seen, tracks.score[order], 0.0)
     weight = _window_sum(seen.astype(float), rows, NEARBY_S, spread)
-    nearby = _window_sum(score, rows, NEARBY_S, spread) / np.maximum(weight, 1e-12)
+    total = _window_sum(score, rows, NEARBY_S, spread)
+    nearby = np.where(weight > 0.0, total / np.maximum(weight, 1e-12), track.track_score[order])
     detections = _window_sum(seen.astype(float), rows, PRESENCE_S, spread)[back]
     one_object = _Rows(time_s, np.zeros(len(time_s)))
     all_frames = _window_sum(np.ones(len(time_s)), one_object, PRESENCE_S, spread)

@@ -60,16 +60,16 @@ def _likely(
     output: OutputSettings,
     class_names: Sequence[str],
 ) -> TrackedSequence:
-    """Those of the kept boxes that are likely right, or could not be judged."""
+    """Those of the kept boxes that are likely right, or detected and not judged."""
     probability = confidence(known, tracks.class_code, output, class_names)
     kept = kept & likely(tracks, probability, output.min_confidence)
     return TrackedSequence(frames, tracks.take(kept), known.take(kept), probability[kept])
 
 
 def likely(tracks: SequenceTracks, probability: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Which boxes to write, `(n,)`: those as likely right as asked, and what was not judged.
+    """Which boxes to write, `(n,)`: those at least as likely right as asked.
 
-    Predictions that no detection follows on need a judgement: most of them are wrong.
+    What was not judged is written, except predictions that nothing confirms: most are wrong.
     """
     predicted = (tracks.state == TrackState.COASTED) | (tracks.state == TrackState.EXTRAPOLATED)
     unknown = np.isnan(probability)

@@ -111,7 +111,8 @@ class Evidence(NamedTuple):
 
     Attributes:
         detection_score: of the row's own detection, NaN without one.
-        nearby_score: mean of the track's scores, weighted by nearness in time.
+        nearby_score: mean of the track's scores, weighted by nearness in time; `track_score` where
+            none is near.
         track_score: mean of the track's scores.
         presence: share of the frames nearby in which the track has a detection.
         detections: number of the track's detections.
@@ -126,6 +127,11 @@ class Evidence(NamedTuple):
     detections: FloatArray
     range_m: FloatArray
     unseen_s: FloatArray
+
+    @property
+    def detected(self) -> NDArray[np.bool_]:
+        """Which rows have a detection, `(n,)`."""
+        return ~np.isnan(self.detection_score)
 
     def take(self, rows: NDArray[np.generic]) -> Evidence:
         """Rows chosen by a mask or by index."""

@@ -42,3 +42,10 @@ def test_confidence_is_by_kind_not_by_class() -> None:
     weights = dict.fromkeys(("detected", "undetected"), dict.fromkeys(names, 0.0))
     with pytest.raises(ConfigError, match=r"unknown 'car'. Known are vehicle, pedestrian, cyclist"):
         normalised_classes(settings(confidence={"online": {"car": weights}}), "s.yaml")
+
+
+def test_confidence_of_an_older_version_says_what_to_do() -> None:
+    old = dict.fromkeys(ConfidenceWeights.model_fields, 0.0)
+    with pytest.raises(ConfigError, match="Make the file again with hbbatch calibrate") as caught:
+        settings(confidence={"online": {"vehicle": old}})
+    assert str(caught.value).count("output.confidence") == 1

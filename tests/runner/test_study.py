@@ -48,6 +48,25 @@ def test_a_study_judges_every_variant_on_every_labelled_sequence(
     assert "| vehicle | innovation | across |" in tables
 
 
+def test_what_was_trained_is_kept_and_shared(test_data: Path, tmp_path: Path) -> None:
+    """Two variants that only track differently, then the same study again."""
+    variants = (
+        f"  - {{name: one, filter: kalman, train: {QUICK}}}\n"
+        f"  - {{name: other, filter: kalman, train: {QUICK}, track: {{association: {{cost: l2}}}}}}"
+    )
+    file = study_file(tmp_path, few_drives(test_data, "0000", "0003").root, variants)
+    first = run_study(load_study(file), keep=tmp_path / "kept")
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "kept").glob("*.safetensors")}
+    assert len(kept) == 2, "one a fold"
+    again = run_study(load_study(file), keep=tmp_path / "kept")
+    assert again.to_json() == first.to_json()
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    other = tmp_path / "other.yaml"
+    other.write_text(file.read_text().replace("folds: 2", "folds: 2\nseeds: [1]"))
+    run_study(load_study(other), keep=tmp_path / "kept")
+    assert len(list((tmp_path / "kept").glob("*.safetensors"))) == 4
+
+
 def test_weights_that_are_there_are_judged_without_training(
     test_data: Path, tmp_path: Path
 ) -> None:

@@ -62,6 +62,17 @@ def test_pixels_are_those_of_the_projected_box() -> None:
     assert np.allclose([float(value) for value in line[6:10]], expected, atol=1e-4)
 
 
+def test_a_pedestrian_is_narrower_than_the_box_around_it() -> None:
+    (car,) = lines(kitti_result(tracks(AHEAD), CAMERA))
+    person = tracks(AHEAD)
+    names = pa.array(["pedestrian"], person["class_name"].type)
+    person = person.set_column(person.column_names.index("class_name"), "class_name", names)
+    (narrow,) = lines(kitti_result(person, CAMERA))
+    wide_px, narrow_px = (float(line[8]) - float(line[6]) for line in (car, narrow))
+    assert narrow_px == pytest.approx(0.81 * wide_px, abs=1e-3)
+    assert narrow[7::2][:2] == car[7::2][:2]
+
+
 def test_boxes_out_of_the_image_are_left_out() -> None:
     content = kitti_result(tracks(BEHIND, AHEAD, BEHIND), CAMERA)
     assert [line[0] for line in lines(content)] == ["1"]

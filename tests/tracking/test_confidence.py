@@ -40,6 +40,15 @@ def told(count: int = 1, **columns: float) -> Evidence:
 SCALE = ScoreScale(typical=3.0, strong=5.0)
 
 
+UNSEEN = {"detection_score": np.nan}
+
+
+def probability(weights: KindConfidence, **columns: float) -> float:
+    """Of one box with typical evidence but for some columns."""
+    evidence = told(**columns)
+    return float(judged(features(evidence, SCALE), evidence.detected, weights)[0])
+
+
 def everywhere(values: list[float]) -> KindConfidence:
     """The same weights with and without a detection."""
     weights = ConfidenceWeights.from_order(values)
@@ -53,9 +62,9 @@ def test_shipped_weights_trust_strong_boxes_and_doubt_weak_ones(
 ) -> None:
     weights = shipped_weights(protocol)[kind]
     strong = {f"{name}_score": 5.0 for name in ("detection", "nearby", "track")}
-    lasting = judged(features(told(**strong, detections=50.0), SCALE), weights)[0]
+    lasting = probability(weights, **strong, detections=50.0)
     weak = {f"{name}_score": -4.0 for name in ("detection", "nearby", "track")}
-    fleeting = judged(features(told(**weak, presence=0.2, detections=1.0), SCALE), weights)[0]
+    fleeting = probability(weights, **weak, presence=0.2, detections=1.0)
     assert lasting > 0.8
     assert fleeting < 0.1
 
@@ -66,21 +75,23 @@ def test_shipped_weights_doubt_boxes_the_more_the_longer_nothing_was_detected(
 ) -> None:
     weights = shipped_weights(protocol)["vehicle"]
     found = [
-        judged(features(told(detection_score=np.nan, presence=p, unseen_s=s), SCALE), weights)[0]
+        probability(weights, **UNSEEN, presence=p, unseen_s=s)
         for p, s in ((0.5, 0.1), (0.2, 0.5), (0.0, 1.0))
     ]
-    assert judged(features(told(), SCALE), weights)[0] > found[0] > found[1] > found[2]
+    assert probability(weights) > found[0] > found[1] > found[2]
 
 
 def test_boxes_without_a_detection_have_weights_of_their_own() -> None:
     sure = ConfidenceWeights.from_order([9.0, 0, 0, 0, 0, 0, 0, 0])
     slow = ConfidenceWeights.from_order([1.0, 5.0, 0, 0, 0, 0, 0, -2.0])
     weights = KindConfidence(detected=sure, undetected=slow)
-    unseen = features(told(detection_score=np.nan, unseen_s=0.5), SCALE)
-    assert judged(features(told(), SCALE), weights)[0] > 0.99
-    assert judged(unseen, weights)[0] == pytest.approx(0.5)
-    long_ago = features(told(detection_score=np.nan, unseen_s=99.0), SCALE)
-    assert judged(long_ago, weights)[0] == pytest.approx(1 / (1 + np.exp(3.0)))
+    assert probability(weights) > 0.99
+    assert probability(weights, **UNSEEN, unseen_s=0.5) == pytest.approx(0.5)
+    long_ago = probability(weights, **UNSEEN, unseen_s=99.0)
+    assert long_ago == pytest.approx(1 / (1 + np.exp(3.0)))
+    without = KindConfidence(detected=sure)
+    assert probability(without) > 0.99
+    assert np.isnan(probability(without, **UNSEEN, unseen_s=0.0))
 
 
 def test_a_detector_on_another_scale_is_judged_the_same() -> None:

@@ -72,6 +72,13 @@ def test_range_is_that_from_the_sensor_seen_from_above() -> None:
     assert known.range_m[[0, 3]] == pytest.approx([4.0, 5.0])
 
 
+def test_far_from_any_detection_the_scores_nearby_are_those_of_the_track() -> None:
+    given, frames = drive()
+    later = {"frame_index": np.array([0, 1, 2, 3, 1]), "detection_row": np.array([0, 1, 2, -1, 4])}
+    known = evidence(type(given)(**{**vars(given), **later}), frames)
+    assert known.nearby_score[3] == known.track_score[3] == pytest.approx(7 / 3)
+
+
 def test_time_without_a_detection_counts_to_the_nearest_one_online_since_the_last() -> None:
     """Track 1 was detected in the frames at 0.1 and 3.0 s, and not in those at 0 and 0.2 s."""
     given, frames = drive()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -46,9 +48,33 @@ def test_frames_count_by_their_time() -> None:
     assert slow.boxes[:3, 0] == pytest.approx([3 - 9, 3 - 8, 3 - 1])
 
 
+def test_the_first_second_tells_the_motion_and_the_first_box_the_rest() -> None:
+    """A metre a frame for a second, then at rest; it turns and grows all the while."""
+    rows = [
+        (f, 1, 1.0, box(float(min(f, 15)), yaw=0.1 * f, length=4.0 + 0.1 * f)) for f in range(5, 40)
+    ]
+    found = add_lead_ins(tracks(rows), np.arange(40) * TENTH_NS, reach_s=0.3)
+    before = found.take(found.frame_index < 5)
+    assert before.boxes[:, 0] == pytest.approx([2, 3, 4])
+    assert before.boxes[:, 6] == pytest.approx([0.5] * 3)
+    assert before.boxes[:, 3] == pytest.approx([4.5] * 3)
+
+
+def test_at_low_rates_the_first_three_detections_tell_the_motion() -> None:
+    stamps = np.arange(20) * 10 * TENTH_NS
+    found = add_lead_ins(track(5, 8), stamps, reach_s=2.0)
+    assert found.frame_index.tolist() == list(range(3, 9))
+    assert found.boxes[:, 0] == pytest.approx(found.frame_index)
+
+
 def test_nothing_is_said_of_a_motion_nobody_saw() -> None:
     stamps = np.arange(20) * TENTH_NS
     assert len(add_lead_ins(track(5, 6), stamps, reach_s=1.0).track_id) == 2
+    gap = track(5, 12)
+    gap = replace(gap, detection_row=np.where(np.arange(8) % 7 == 0, np.arange(8), -1))
+    assert len(add_lead_ins(gap, stamps, reach_s=1.0).track_id) == 8, "detected twice only"
+    assert len(add_lead_ins(track(5, 9), stamps * 0, reach_s=1.0).track_id) == 5, "no clock"
+    assert len(add_lead_ins(track(5, 9), stamps, reach_s=0.0).track_id) == 5
     assert len(add_lead_ins(SequenceTracks.empty(), stamps, reach_s=1.0).track_id) == 0
     assert len(add_lead_ins(SequenceTracks.empty(), stamps[:0], reach_s=1.0).track_id) == 0
 
