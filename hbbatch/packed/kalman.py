@@ -76,9 +76,9 @@ class PackedKalman:
         """
         self._rows = rows or Columns(kalman_rows(options.model))
         self._covariance = PackedCovariance(kalman_order(options.model))
-        self._log_r = by_kind(parameters["log_r"])
-        self._log_r_range = by_kind(parameters["log_r_range"])
-        self._r_size = np.exp(by_kind(parameters["log_r_size"]))
+        self._log_r = parameters["log_r"]
+        self._log_r_range = parameters["log_r_range"]
+        self._r_size = np.exp(parameters["log_r_size"])
         self.height = self._rows.width
         self.velocity = self._rows["velocity"].start
         self.layout = layout(self._rows, options.model, self._covariance.mixed)
@@ -104,17 +104,18 @@ class PackedKalman:
 
     def detections(self, sight_m: FloatArray, kinds: IntArray) -> Single:
         """`(n, DETECTION.width)` of detections seen along `sight_m` `(n, 3)`."""
-        seen = np.empty((DETECTION.width, len(kinds)), np.float32)
+        seen = np.empty((len(kinds), DETECTION.width), np.float32)
         x, y, up = sight_m.T.astype(np.float32)
         distance = np.maximum(np.sqrt(x * x + y * y), 1.0)
         far = distance / RANGE_UNIT_M
-        seen[DETECTION["variance"]] = np.exp(
-            self._log_r[:, kinds] + self._log_r_range[:, kinds] * far
-        )
-        seen[DETECTION["size_variance"]] = self._r_size[:, kinds]
-        seen[DETECTION["range"]] = far, up
-        seen[DETECTION["ahead"]] = x / distance, y / distance
-        return np.ascontiguousarray(seen.T)
+        log_r = self._log_r_range.take(kinds, axis=0)
+        log_r *= far[:, None]
+        log_r += self._log_r.take(kinds, axis=0)
+        np.exp(log_r, out=seen[:, DETECTION["variance"]])
+        seen[:, DETECTION["size_variance"]] = self._r_size.take(kinds, axis=0)
+        for row, value in enumerate((far, up, x / distance, y / distance)):
+            seen[:, DETECTION["range"].start + row] = value
+        return seen
 
     def birth(
         self,

@@ -1,4 +1,7 @@
-"""The two learned parts: weights packed into a few matrices, products in numpy."""
+"""The two learned parts: weights packed into a few matrices, products in numpy.
+
+`dot` costs a small product half a microsecond less than `matmul`.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ class PackedResidual:
 
     def __call__(self, features: Single) -> Single:
         """Rates `(7, n)` of packed boxes."""
-        encoded: Single = np.matmul(self._encoder, features)
+        encoded: Single = self._encoder.dot(features)
         kernels.rectify(encoded)
-        said: Single = np.matmul(self._heads_in, encoded)
+        said: Single = self._heads_in.dot(encoded)
         kernels.rectify(said)
-        rates: Single = np.matmul(self._heads_out, said)
+        rates: Single = self._heads_out.dot(said)
         return rates
 
 
@@ -63,14 +66,14 @@ class PackedGain:
         That is in [-1, 1]: factors' logarithms over `LARGEST_SAID`, of process and measurement.
         """
         with_one = features[: self._memory + 1]
-        gates: Single = np.matmul(self._gates, features)
+        gates: Single = self._gates.dot(features)
         np.tanh(gates, out=gates)
-        remembered: Single = np.matmul(self._kept, with_one)
-        candidate: Single = np.matmul(self._candidate, features[self._memory :])
+        remembered: Single = self._kept.dot(with_one)
+        candidate: Single = self._candidate.dot(features[self._memory :])
         kernels.reset_memory(gates, remembered, candidate)
         np.tanh(candidate, out=candidate)
         kernels.mix_memory(gates, candidate, features)
-        said: Single = np.matmul(self._read_out, with_one)
+        said: Single = self._read_out.dot(with_one)
         np.tanh(said, out=said)
         return said
 

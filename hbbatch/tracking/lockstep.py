@@ -45,6 +45,7 @@ class LockStep:
         self._rows = RowTable()
         self._recorder = Recorder(plan, bank)
         self._offsets = plan.offsets.tolist()
+        self._free = np.ones(len(plan.scores), bool)
         sequences = len(plan.first_step)
         self._work = np.zeros(sequences)
         self._clock = StageSeconds()
@@ -91,7 +92,7 @@ class LockStep:
         damping = None
         if self._settings.damping.enabled:
             damping = scaling_factor(rows.age + 1, rows.misses, self._settings)
-        return self._bank.predict(self._frame_at_start[rows.sequence] + step, damping)
+        return self._bank.predict(self._frame_at_start.take(rows.sequence) + step, damping)
 
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
         """Matched (row, detection number of the group)."""
@@ -111,9 +112,8 @@ class LockStep:
             self._bank.truncate(alive)
         start, stop = self._offsets[step], self._offsets[step + 1]
         if len(matched) < stop - start:
-            free = np.ones(stop - start, bool)
-            free[matched - start] = False
-            self._give_birth(free.nonzero()[0] + start)
+            self._free[matched] = False
+            self._give_birth(self._free[start:stop].nonzero()[0] + start)
 
     def _record(self, step: int, matched: IntArray) -> None:
         """Record the matched rows, which are the first, and those that are said while coasting."""
@@ -129,7 +129,8 @@ class LockStep:
         rows, alive = self._rows, len(self._rows)
         self._bank.append(newborn)
         patience = self._settings.management.max_misses_unconfirmed
-        rows.append(newborn, self._plan.sequence[newborn], self._block[newborn], patience)
+        sequence, block = self._plan.sequence.take(newborn), self._block.take(newborn)
+        rows.append(newborn, sequence, block, patience)
         self._recorder.add(newborn, newborn, np.arange(alive, len(rows)))
 
     def _share(self, sequence: int) -> StageSeconds:

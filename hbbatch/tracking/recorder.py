@@ -65,11 +65,11 @@ class Recorder:
     def finish(self, sequence: int) -> SequenceTracks:
         """All boxes of a finished sequence, sorted by frame and track."""
         plan, detections = self._plan, self._detections[sequence]
-        born = detections[self._first[detections] == detections]
+        born = detections[self._first.take(detections) == detections]
         places = np.concatenate([detections, *self._coasted[sequence]])
-        first, step = self._first[places], self._step[places]
+        first, step = self._first.take(places), self._step.take(places)
         order = (step * len(plan.scores) + first).argsort(kind="stable")
-        places, first, step = places[order], first[order], step[order]
+        places, first, step = places.take(order), first.take(order), step.take(order)
         seen = places < len(plan.scores)
         detection = np.where(seen, places, -1)
         boxes, velocity_m_s = self._bank.said(places)
