@@ -94,6 +94,7 @@ def track(
 def print_report(report: TrackReport, settings: TrackSettings) -> None:
     """The summary of a run on stdout, and whether its settings let weak boxes pass."""
     from hbbatch.cli.output import print_summary, shortened
+    from hbbatch.packed import kernels
 
     effort = _effort(report) if report.tracked else []
     odd = [("odd" if not i else "", line) for i, line in enumerate(shortened(report.odd))]
@@ -102,6 +103,11 @@ def print_report(report: TrackReport, settings: TrackSettings) -> None:
         typer.echo(
             "Weak boxes are written as well, and no predictions: the scale of this detector's "
             "scores is unknown. `hbbatch calibrate` finds it."
+        )
+    if report.tracked and report.device == "cpu" and not kernels.AVAILABLE:
+        typer.echo(
+            "This took several times as long as it could: hbbatch was installed without a C "
+            "compiler. With one there, install it again."
         )
 
 

@@ -30,6 +30,7 @@ _DECIDES_RESULTS: Final = (
     "model/*.py",
     "motion/*.py",
     "packed/*.py",
+    "packed/c/*.[ch]",
     "boxes.py",
     "overlap.py",
     "projection.py",

@@ -96,6 +96,15 @@ def test_options_reach_the_settings(tmp_path: Path) -> None:
     assert settings["output"]["protocol"] == "online"
 
 
+def test_an_installation_without_a_compiler_is_told_what_it_costs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_dataset(tmp_path, "a")
+    assert "C compiler" not in hbbatch_track(tmp_path, "--workers", "1", "--run", "r").stdout
+    monkeypatch.setattr("hbbatch.packed.kernels.AVAILABLE", False)
+    assert "C compiler" in hbbatch_track(tmp_path, "--workers", "1", "--run", "s").stdout
+
+
 def test_an_unknown_sequence_is_a_usage_error(tmp_path: Path) -> None:
     make_dataset(tmp_path, "a")
     result = hbbatch_track(tmp_path, "z")

@@ -109,3 +109,11 @@ def test_the_code_version_names_the_package_version_and_a_hash() -> None:
     version, _, digest = plan.code_version().partition("+")
     assert version == plan.hbbatch.__version__
     assert len(digest) == 12
+
+
+def test_the_code_version_covers_the_compiled_part() -> None:
+    root = Path(plan.hbbatch.__file__).parent
+    covered = {path for pattern in plan._DECIDES_RESULTS for path in root.glob(pattern)}
+    sources = set((root / "packed/c").iterdir())
+    assert sources
+    assert sources <= covered
