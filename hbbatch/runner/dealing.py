@@ -20,9 +20,9 @@ together and little is lost with one that dies."""
 MAX_PART_DETECTIONS: Final = 300_000
 """Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
 
-_STEP_US: Final = 290
-_DETECTION_US: Final = 16
-_SEQUENCE_US: Final = 8_000
+_STEP_US: Final = 20
+_DETECTION_US: Final = 13
+_SEQUENCE_US: Final = 11_000
 
 _WORKER_US: Final = 350_000
 """From the start of a worker process to its first sequence."""

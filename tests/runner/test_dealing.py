@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hbbatch.runner import dealing
 from hbbatch.runner.dealing import Group, SequenceJob, deal
 
-LONG = 10_000
+LONG = 100_000
 """Frames that are worth a worker's start."""
 
 
