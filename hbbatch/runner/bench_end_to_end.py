@@ -34,9 +34,6 @@ from hbbatch.runner.bench_report import Table
 from hbbatch.runner.repeated import repeated_dataset
 from hbbatch.tracking.workload import copy_rate, sgemm_rate
 
-_FULL_RUNS_SEQUENCES: Final = 100
-"""More sequences than this are run less often than asked for."""
-
 
 @dataclass(frozen=True)
 class _Way:
@@ -80,9 +77,8 @@ def end_to_end(
     with tempfile.TemporaryDirectory(prefix="hbbatch-bench-") as folder:
         for count in sequences if sources else ():
             dataset = repeated_dataset(sources, Path(folder) / str(count), count)
-            turns = max(1, min(runs, runs * _FULL_RUNS_SEQUENCES // count))
             costs: dict[_Way, list[_Cost]] = {way: [] for way in _ways()}
-            for turn in range(turns):
+            for turn in range(runs):
                 for number, way in enumerate(costs):
                     costs[way].append(_run(dataset, f"{turn}-{number}", settings, way))
             rows += _rows(count, costs)
@@ -93,8 +89,8 @@ def end_to_end(
             *("frames/s", "x one worker", "x one worker on one core", "peak MB a worker"),
         ),
         rows,
-        "Ratios are of medians of runs that took turns. One worker on all "
-        "cores reads and writes on a second core while it steps; on one core it cannot.",
+        "The ways to run took turns; ratios are medians of those within a turn. One worker on "
+        "all cores reads and writes on a second core while it steps; on one core it cannot.",
     )
 
 
@@ -104,19 +100,23 @@ def _ways() -> list[_Way]:
 
 
 def _rows(count: int, costs: dict[_Way, list[_Cost]]) -> Iterator[tuple[str, ...]]:
-    medians_s = {way: statistics.median(c.wall_s for c in some) for way, some in costs.items()}
     for way, several in costs.items():
-        median_s = medians_s[way]
-        on_one_core = f"{medians_s[_ONE_CORE] / median_s:.2f}" if _ONE_CORE in costs else "-"
+        median_s = statistics.median(c.wall_s for c in several)
         yield (
             *(f"{count:,}", f"{several[0].frames:,}", str(way.workers), way.cores_shown),
             *(str(len(several)), f"{median_s:.2f}", f"{min(c.wall_s for c in several):.2f}"),
             f"{statistics.median(c.cpu_s for c in several):.2f}",
             f"{several[0].frames / median_s:,.0f}",
-            f"{medians_s[_ONE_WORKER] / median_s:.2f}",
-            on_one_core,
+            f"{_gain(costs[_ONE_WORKER], several):.2f}",
+            f"{_gain(costs[_ONE_CORE], several):.2f}" if _ONE_CORE in costs else "-",
             f"{max(c.peak_rss_mb for c in several):.0f}",
         )
+
+
+def _gain(before: Sequence[_Cost], after: Sequence[_Cost]) -> float:
+    """How many times as fast one way is as another: a machine that others use changes pace."""
+    turns = zip(before, after, strict=True)
+    return statistics.median(one.wall_s / other.wall_s for one, other in turns)
 
 
 def _run(dataset: Dataset, name: str, settings: TrackSettings, way: _Way) -> _Cost:
@@ -124,6 +124,7 @@ def _run(dataset: Dataset, name: str, settings: TrackSettings, way: _Way) -> _Co
     arguments += ["--run", name, "--filter", settings.filter, "--device", "cpu", "--json"]
     if settings.weights is not None:
         arguments += ["--weights", settings.weights]
+    os.sync()  # what earlier runs wrote is not this one's to wait for
     before_s, start = _children_cpu_s(), time.perf_counter()
     with _kept_to(way.cores):
         done = subprocess.run(  # noqa: S603 - our own command line
