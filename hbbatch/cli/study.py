@@ -26,7 +26,8 @@ def study(
     as_json: JsonOption = False,
 ) -> None:
     """Train and judge variants by cross-validation over sequences; print the tables."""
-    from hbbatch.runner.study import load_study, run_study
+    from hbbatch.runner.study import run_study
+    from hbbatch.runner.study_file import load_study
     from hbbatch.runner.study_tables import markdown, put_into_page
 
     report = run_study(load_study(file), lambda what: typer.echo(what, err=True), keep)

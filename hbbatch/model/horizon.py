@@ -94,7 +94,7 @@ def filter_errors(
         rows = torch.where(seen, updated, predicted)
         if frame in asked.ages:
             found = windows.seen[:, frame]
-            errors.append(_error(boxes, windows, frame, found, (asked.stride, frame, 0)))
+            errors.append(mean_error(boxes, windows, frame, found, (asked.stride, frame, 0)))
     return errors
 
 
@@ -107,13 +107,22 @@ def _ahead(
         boxes, rows = motion.predict(boxes, rows, windows.dt_s[:, frame])
         if ahead in asked.horizons:
             there = windows.valid[:, frame]
-            errors.append(_error(boxes, windows, frame, there, (asked.stride, first, ahead)))
+            errors.append(mean_error(boxes, windows, frame, there, (asked.stride, first, ahead)))
     return errors
 
 
-def _error(
+def mean_error(
     boxes: Tensor, windows: Windows, frame: int, judged: Tensor, when: tuple[int, int, int]
 ) -> FilterError:
+    """Mean errors of boxes `(b, 7)` against the truth of one frame of the windows.
+
+    Args:
+        boxes: to be judged.
+        windows: with their truth.
+        frame: of the windows.
+        judged: `(b,)` bool, which boxes count.
+        when: stride, age and frames ahead that the boxes are for.
+    """
     error = box_error(boxes, windows.truth[:, frame])[judged]
     mean = error.mean(dim=0).tolist()
     stride, age, ahead = when

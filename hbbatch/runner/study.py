@@ -11,24 +11,20 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
-from pydantic import Field
 
 from hbbatch.config import (
     KindConfidence,
     OutputSettings,
     ProtocolName,
     ScoreScale,
-    Settings,
     TrackSettings,
     TrainSettings,
-    load_yaml,
-    validate,
 )
 from hbbatch.dataset import Dataset
-from hbbatch.errors import ConfigError, DatasetError
+from hbbatch.errors import DatasetError
 from hbbatch.evaluation.kitti import (
     KittiTracks,
     KittiTruth,
@@ -52,7 +48,19 @@ from hbbatch.runner.confidence import (
     uncut,
     uncut_output,
 )
-from hbbatch.runner.labelled import Judgement, judged, labelled_sequences
+from hbbatch.runner.labelled import (
+    Judgement,
+    LabelledSequences,
+    judged,
+    labelled_sequences,
+)
+from hbbatch.runner.study_bounds import (
+    Errors,
+    dense_by_name,
+    posterior_errors,
+    smoother_errors,
+)
+from hbbatch.runner.study_file import StudySettings, Variant
 from hbbatch.runner.study_weights import StudyWeights
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
@@ -60,33 +68,6 @@ from hbbatch.tracking.frames import SequenceFrames, sequence_frames
 from hbbatch.tracking.refine import likely
 
 Progress = Callable[[str], None]
-
-
-class Variant(Settings):
-    """One thing to compare."""
-
-    name: str
-    filter: Literal["hybrid", "kalman"] = "hybrid"
-    train: dict[str, Any] = Field({}, description="training settings that differ")
-    track: dict[str, Any] = Field({}, description="tracking settings that differ")
-    train_on: tuple[str, ...] | None = Field(None, description="datasets; default: all")
-    also: tuple[Path, ...] = Field(
-        (), description="datasets trained on as well, whole, that are not judged"
-    )
-    weights: str | None = Field(
-        None, description="shipped name or path: used in all folds instead of training"
-    )
-
-
-class StudySettings(Settings):
-    """A study file."""
-
-    datasets: dict[str, Path]
-    folds: int = Field(3, ge=2)
-    classes: tuple[str, ...] = ("car",)
-    protocols: tuple[ProtocolName, ...] = ("gap_filled", "online")
-    seeds: tuple[int, ...] = (0,)
-    variants: tuple[Variant, ...]
 
 
 @dataclass(frozen=True)
@@ -110,12 +91,15 @@ class StudyReport:
         errors: filter errors on held-out sequences by variant, an entry a fold and seed, each by
             kind.
         calibration: whether covariances are right there, by variant as above.
+        dense: posterior errors of each variant on tracks without a gap, an entry a fold and seed,
+            each by dataset; then those of detections and of the best smoothers, an entry a fold.
         parameters: of each variant's filter.
     """
 
     rows: list[StudyRow] = field(default_factory=list)
     errors: dict[str, list[dict[str, list[FilterError]]]] = field(default_factory=dict)
     calibration: dict[str, list[dict[str, list[Calibration]]]] = field(default_factory=dict)
+    dense: dict[str, list[Errors]] = field(default_factory=dict)
     parameters: dict[str, int] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -132,45 +116,6 @@ class _Material:
     labels: dict[str, pa.Table]
     cameras: dict[str, Camera]
     truth: KittiTruth
-
-
-def load_study(path: Path) -> StudySettings:
-    """A study file, paths relative to it.
-
-    Raises:
-        ConfigError: it cannot be read or does not validate.
-    """
-    study = validate(StudySettings, load_yaml(path), str(path))
-    for variant in study.variants:
-        unknown = set(variant.train_on or ()) - set(study.datasets)
-        if unknown:
-            raise ConfigError(f"{path}: variant {variant.name!r} trains on unknown {unknown}.")
-        if variant.weights is not None and (variant.train or variant.also):
-            raise ConfigError(
-                f"{path}: variant {variant.name!r} has both weights and something to train "
-                "with (train, also). Remove one of them."
-            )
-        validate(TrainSettings, variant.train, f"{path}: variant {variant.name!r}, train")
-        validate(TrackSettings, variant.track, f"{path}: variant {variant.name!r}, track")
-    roots = {name: path.parent / root.expanduser() for name, root in study.datasets.items()}
-    variants = tuple(_with_paths_found(variant, path.parent) for variant in study.variants)
-    return study.model_copy(update={"datasets": roots, "variants": variants})
-
-
-def _with_paths_found(variant: Variant, folder: Path) -> Variant:
-    """The variant with relative paths made ones that lead there from anywhere.
-
-    Raises:
-        WeightsError: the weights are neither shipped nor a file, or of another filter.
-    """
-    also = tuple(folder / root.expanduser() for root in variant.also)
-    variant = variant.model_copy(update={"also": also})
-    if variant.weights is None:
-        return variant
-    beside = folder / variant.weights
-    found = str(beside) if beside.is_file() else variant.weights
-    open_weights(variant.filter, found, None)
-    return variant.model_copy(update={"weights": found})
 
 
 def run_study(
@@ -195,6 +140,7 @@ def run_study(
         for seed in study.seeds:
             for variant in study.variants:
                 judge.run(variant, seed)
+        judge.bounds()
     return judge.report
 
 
@@ -208,6 +154,7 @@ class _Judged(NamedTuple):
     """What a filter is worth on what was held out, and how large it is."""
 
     judgement: Judgement
+    dense: Errors
     parameters: int
 
 
@@ -241,6 +188,21 @@ class _Judge:
             for class_name, of_class in scores.items():
                 row = StudyRow(variant.name, name, protocol, seed, class_name, of_class.combined)
                 self.report.rows.append(row)
+
+    def bounds(self) -> None:
+        """Note what detections and the smoothers that suit them best are off."""
+        for fold in self.folds:
+            known, judged = self._labelled(fold)
+            errors = smoother_errors(dense_by_name(known), dense_by_name(judged))
+            for name, by_dataset in errors.items():
+                self.report.dense.setdefault(name, []).append(by_dataset)
+
+    def _labelled(
+        self, fold: Sequence[str]
+    ) -> tuple[dict[str, LabelledSequences], dict[str, LabelledSequences]]:
+        """By dataset the labelled sequences that are not held out, and those that are."""
+        parts = {n: labelled_sequences([r]).split(fold) for n, r in self.study.datasets.items()}
+        return {n: used for n, (used, _) in parts.items()}, {n: h for n, (_, h) in parts.items()}
 
     def _tracked(
         self, variant: Variant, weights: Path, protocol: ProtocolName, fold: Sequence[str]
@@ -284,6 +246,7 @@ class _Judge:
         found = self.judged[path, *fold]
         self.report.errors.setdefault(variant.name, []).append(found.judgement.errors)
         self.report.calibration.setdefault(variant.name, []).append(found.judgement.calibration)
+        self.report.dense.setdefault(variant.name, []).append(found.dense)
         self.report.parameters[variant.name] = found.parameters
         return path
 
@@ -296,8 +259,9 @@ class _Judge:
     def _judged(self, variant: Variant, path: Path, fold: Sequence[str]) -> _Judged:
         _, held_out = labelled_sequences(list(self.study.datasets.values())).split(fold)
         file = open_weights(variant.filter, str(path), None)
-        judgement = judged(build_loaded(file), held_out)
-        return _Judged(judgement, file.header.about.get("parameters", 0))
+        motion = build_loaded(file)
+        dense = posterior_errors(motion, dense_by_name(self._labelled(fold)[1]))
+        return _Judged(judged(motion, held_out), dense, file.header.about.get("parameters", 0))
 
 
 def _material(root: Path, classes: Sequence[str]) -> _Material:

@@ -10,6 +10,7 @@ from hbbatch.errors import ConfigError
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.runner.study import StudyReport
+from hbbatch.runner.study_bounds import Errors
 
 _Key = tuple[str, str | int, str | int, str | int]
 _Measured = tuple[_Key, int, tuple[float, ...]]
@@ -32,8 +33,13 @@ def put_into_page(page: Path, study_name: str, tables: str) -> None:
 
 
 def markdown(report: StudyReport) -> str:
-    """The report as Markdown tables: scores, filter errors, calibration."""
-    tables = (_score_lines(report), _error_lines(report), _calibration_lines(report))
+    """The report as Markdown tables: scores, filter errors, bounds on them, calibration."""
+    tables = (
+        _score_lines(report),
+        _error_lines(report),
+        _dense_lines(report),
+        _calibration_lines(report),
+    )
     return "\n\n".join("\n".join(table) for table in tables) + "\n"
 
 
@@ -71,6 +77,23 @@ def _error_lines(report: StudyReport) -> list[str]:
     return lines
 
 
+def _dense_lines(report: StudyReport) -> list[str]:
+    """Errors of posteriors, detections and smoothed detections, metres."""
+    names = list(report.dense)
+    lines = [
+        f"| detections | vehicles without a gap, error | {' | '.join(names)} |",
+        "|---|---|" + "---|" * len(names),
+    ]
+    pooled = {name: _pooled(_dense_errors(folds)) for name, folds in report.dense.items()}
+    for key in pooled[names[0]] if names else ():
+        for place, axis in enumerate(("seen from above", "along", "across", "up")):
+            values = " | ".join(
+                f"{pooled[name][key][place]:.4f}" if key in pooled[name] else "" for name in names
+            )
+            lines.append(f"| {key[0]} | {axis} | {values} |")
+    return lines
+
+
 def _calibration_lines(report: StudyReport) -> list[str]:
     """Mean square of errors over their variance, and shares within the 50, 90, 99 % intervals."""
     names = list(report.calibration)
@@ -99,6 +122,12 @@ def _errors(folds: Iterable[dict[str, list[FilterError]]]) -> Iterator[_Measured
             for e in of_kind:
                 if e.count:
                     yield (kind, e.stride, e.age, e.frames_ahead), e.count, (e.plan_m,)
+
+
+def _dense_errors(folds: Iterable[Errors]) -> Iterator[_Measured]:
+    for fold in folds:
+        for name, e in fold.items():
+            yield (name, 0, 0, 0), e.count, (e.plan_m, e.along_m, e.across_m, e.up_m)
 
 
 def _calibrations(folds: Iterable[dict[str, list[Calibration]]]) -> Iterator[_Measured]:

@@ -8,7 +8,8 @@ import pytest
 
 from hbbatch.config import TrainSettings
 from hbbatch.errors import ConfigError, DatasetError, WeightsError
-from hbbatch.runner.study import load_study, run_study
+from hbbatch.runner.study import run_study
+from hbbatch.runner.study_file import load_study
 from hbbatch.runner.study_tables import markdown, put_into_page
 from hbbatch.runner.train import train
 from tests.tracking.real_drives import few_drives
@@ -45,7 +46,11 @@ def test_a_study_judges_every_variant_on_every_labelled_sequence(
     tables = markdown(report)
     assert "| virconv | gap_filled | car | learned | 0 |" in tables
     assert "| vehicle | 1 | 3 | 5 |" in tables
+    assert "| virconv | seen from above |" in tables
     assert "| vehicle | innovation | across |" in tables
+    dense = {name: [e["virconv"] for e in folds] for name, folds in report.dense.items()}
+    assert list(dense)[-3:] == ["detections", "best causal smoother", "best two-sided smoother"]
+    assert len({tuple(e.count for e in folds) for folds in dense.values()}) == 1
 
 
 def test_what_was_trained_is_kept_and_shared(test_data: Path, tmp_path: Path) -> None:
