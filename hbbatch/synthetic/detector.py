@@ -43,6 +43,9 @@ _NOISE_OF_CLASS: Final = {
 _FACE_SHIFT: Final = 0.25
 """Share of an error of the length that moves the centre: the near face is measured best."""
 
+_LARGEST_LOG_SIZE: Final = 0.5
+"""Bound on the logarithm of a size's error: detectors keep to sizes their training showed them."""
+
 _HIDDEN_GROWTH: Final = 1.5
 _CLUTTER_SIZES_M: Final = {
     CAR: (3.9, 1.7, 1.5),
@@ -160,7 +163,10 @@ class Detector:
         along, across, up, turned, sized = (self._noise(seen) * self._class_noise).T
         # Half of the variance of sizes is constant for an object.
         relative = np.sqrt(0.5) * (error[:, _DLENGTH : _DHEIGHT + 1] + self._size_bias)
-        boxes[:, LENGTH : HEIGHT + 1] *= np.exp(settings.size_noise * sized[:, None] * relative)
+        sizes = settings.size_noise * sized[:, None] * relative
+        boxes[:, LENGTH : HEIGHT + 1] *= np.exp(
+            np.clip(sizes, -_LARGEST_LOG_SIZE, _LARGEST_LOG_SIZE)
+        )
         longer = boxes[:, LENGTH] - seen.boxes[:, LENGTH]
         cos, sin = np.cos(boxes[:, YAW]), np.sin(boxes[:, YAW])
         away = np.sign(boxes[:, 0] * cos + boxes[:, 1] * sin)

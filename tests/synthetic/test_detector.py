@@ -63,6 +63,14 @@ def test_hidden_objects_are_measured_worse() -> None:
     assert hidden[:, :2].std() > 1.7 * seen[:, :2].std()
 
 
+def test_no_box_is_of_another_order_of_size_than_its_object() -> None:
+    rough = replace(ONLY_TRUE, size_noise=2.0)
+    view = cars(60.0, 4000, visible=0.2)
+    sizes = np.concatenate([said.boxes[:, 3:6] for said in run(view, rough)])
+    ratio = sizes / view.boxes[0, 3:6]
+    assert 0.6 < ratio.min() < ratio.max() < 1.66
+
+
 @pytest.mark.parametrize("step_s", [0.05, 0.1, 0.2])
 def test_errors_last_for_a_while_whatever_the_frame_rate(step_s: float) -> None:
     settings = replace(ONLY_TRUE, max_recall=1.0, spread=0.0)
