@@ -216,7 +216,9 @@ class TrainSettings(Settings):
     )
     motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
     learn: Literal["both", "prediction", "update"] = Field(
-        "both", description="which part is learned; the other stays that of the classical base"
+        "prediction",
+        description="which part is learned; the other stays that of the classical base. A learned "
+        "update fits other sequences worse (docs/accuracy.md); the paper learns both",
     )
     learned_kinds: tuple[Literal["vehicle", "pedestrian", "cyclist"], ...] = Field(
         ("vehicle",),
@@ -240,12 +242,21 @@ class TrainSettings(Settings):
     burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
     longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
     thinned_probability: float = Field(
-        0.0, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
+        0.3, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
     )
     longest_stride: int = Field(5, ge=1, description="k at most, drawn evenly from 1 on")
     noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")
     max_tracklets: int | None = Field(None, ge=1, description="use only so many, evenly chosen")
     seed: int = 0
+
+    @model_validator(mode="after")
+    def _likelihood_has_something_to_teach(self) -> Self:
+        if self.likelihood_weight and self.learn == "prediction":
+            raise ValueError(
+                "likelihood_weight teaches the update, which is not learned. "
+                "Add learn: both, or leave it out"
+            )
+        return self
 
 
 def load_yaml(path: Path) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from hbbatch.config import (
     OutputSettings,
     Settings,
     TrackSettings,
+    TrainSettings,
     load_yaml,
     validate,
 )
@@ -82,6 +83,13 @@ def test_minimum_of_the_damping_must_not_exceed_its_maximum() -> None:
 def test_a_strong_score_must_exceed_a_typical_one() -> None:
     scale = {"car": {"typical": 1.0, "strong": 1.0}}
     assert "strong must exceed typical" in fault(TrackSettings, {"output": {"score_scale": scale}})
+
+
+def test_a_likelihood_needs_an_update_that_learns_from_it() -> None:
+    with pytest.raises(ConfigError, match="likelihood_weight teaches the update"):
+        validate(TrainSettings, {"likelihood_weight": 0.03}, "mine.yaml")
+    content = {"likelihood_weight": 0.03, "learn": "both"}
+    assert validate(TrainSettings, content, "mine.yaml").likelihood_weight
 
 
 @pytest.mark.parametrize(("typical", "strong"), [(0.5, 4.0), (-1.0, 0.9), (0.9995, 0.9999)])

@@ -110,8 +110,9 @@ class HybridFilter(nn.Module):
         noise = (self.base.log_q[code] + rows[:, column["process"]]).exp()
         prior, base = self.base.predict_with(boxes, base, dt_s, noise)
         dt = dt_s[:, None]
-        step = rates * self.learned[code] * dt
-        prior = moved(prior, step[:, [0, 1, 2, 6]], step[:, 3:6], cos, sin)
+        along, across, turned = (rates * self.learned[code] * dt).unbind(1)
+        step = torch.stack([along, across, torch.zeros_like(along), turned], dim=1)
+        prior = moved(prior, step, torch.zeros_like(step[:, :3]), cos, sin)
         newest = ((prior - boxes) / dt).float()
         past = rows[:, column["history"]][:, : 7 * (self.history - 1)]
         middle = rows[:, column["correction"].start : column["since_seen_s"].start]

@@ -14,7 +14,9 @@ from hbbatch.motion.constants import AXES, HEADS, LARGEST_SAID, RESIDUAL_UNIT
 
 
 class ResidualPredictor(nn.Module):
-    """An encoder and three heads (paper, section III-B): the step the motion model misses.
+    """What the motion model misses: an encoder, then a head each for centre and yaw.
+
+    Paper, section III-B; its third head, for the sizes, is left out (`motion.constants.HEADS`).
 
     The last layers start at zero, so an untrained network leaves the motion model as it is.
     """
@@ -26,13 +28,16 @@ class ResidualPredictor(nn.Module):
         super().__init__()
         self.encoder = nn.Linear(features, hidden)
         self.heads_in = nn.Linear(hidden, head * len(HEADS))
-        self.heads_out = nn.ModuleDict({name: nn.Linear(head, n) for name, n in HEADS.items()})
+        self.heads_out = nn.ModuleDict(
+            {name: nn.Linear(head, len(axes)) for name, axes in HEADS.items()}
+        )
         for layer in self.heads_out.values():
             _start_at_zero(layer)
-        self.register_buffer("unit", torch.tensor(RESIDUAL_UNIT), persistent=False)
+        unit = torch.tensor(list(RESIDUAL_UNIT.values()))
+        self.register_buffer("unit", unit, persistent=False)
 
     def forward(self, features: Tensor) -> Tensor:
-        """Rates `(n, 7)`: m/s along, across and up, m/s of the sizes, rad/s of yaw."""
+        """Rates `(n, 3)`: m/s along and across, rad/s of yaw."""
         encoded = torch.relu(self.heads_in(torch.relu(self.encoder(features))))
         parts = encoded.chunk(len(HEADS), dim=1)
         heads = zip(self.heads_out.values(), parts, strict=True)

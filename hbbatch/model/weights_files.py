@@ -19,7 +19,7 @@ from safetensors.numpy import load as load_arrays
 from hbbatch.errors import UsageError, WeightsError
 from hbbatch.motion.parameters import Parameters
 
-WEIGHTS_VERSION: Final = 1
+WEIGHTS_VERSION: Final = 2
 SHIPPED: Final = Path(__file__).parent / "weights"
 DEFAULT_WEIGHTS: Final = {"hybrid": "kitti", "kalman": "kitti-kalman"}
 

@@ -23,12 +23,13 @@ INNOVATION_UNIT: Final = (0.3, 0.15, 0.1, 0.1, 0.2, 0.1, 0.1)
 RATE_UNIT: Final = (10.0, 2.0, 0.5, 0.3, 0.3, 0.3, 0.3)
 """Rough sizes of rates in the heading frame (m/s, rad/s): centre, sizes, yaw."""
 
-HEADS: Final = {"centre": 3, "size": 3, "yaw": 1}
-"""The three parallel heads of the residual predictor and how many coordinates each gives."""
+HEADS: Final = {"centre": ("along", "across"), "yaw": ("yaw",)}
+"""The parallel heads of the residual predictor and the motion axes each speaks of. Up and the sizes
+are left to the classical base: learned, they fit other sequences and detectors worse
+(docs/accuracy.md)."""
 
-RESIDUAL_UNIT: Final = (1.0, 0.5, 0.05, 0.01, 0.01, 0.01, 0.2)
-"""What the heads say is scaled by this (m/s along, across, up; m/s of the sizes; rad/s): sizes and
-height hardly change, and a detector's mean error must not be learned as motion."""
+RESIDUAL_UNIT: Final = {"along": 1.0, "across": 0.5, "yaw": 0.2}
+"""What the heads say is scaled by this (m/s, m/s, rad/s)."""
 
 LARGEST_SAID: Final = 4.0
 """Bound on what the gain network says, so that no noise factor leaves e⁻⁴ to e⁴."""

@@ -67,8 +67,10 @@ class HybridOptions:
             **_linear("residual.heads_in", self.hidden, self.head * len(HEADS)),
             **{
                 name: shape
-                for head, outputs in HEADS.items()
-                for name, shape in _linear(f"residual.heads_out.{head}", self.head, outputs).items()
+                for head, axes in HEADS.items()
+                for name, shape in _linear(
+                    f"residual.heads_out.{head}", self.head, len(axes)
+                ).items()
             },
             "gain.recurrent.weight_ih": (3 * self.memory, update_features(kinds)),
             "gain.recurrent.weight_hh": (3 * self.memory, self.memory),

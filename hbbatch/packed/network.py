@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
@@ -12,6 +14,9 @@ from hbbatch.motion.parameters import Parameters
 from hbbatch.packed import kernels
 from hbbatch.packed.arrays import PACKED, Single
 from hbbatch.packed.features import Features
+
+_FIELDS: Final = [0, 1, 6]
+"""Fields of a box that the heads speak of: x and y in the heading frame, yaw."""
 
 
 class PackedResidual:
@@ -28,8 +33,11 @@ class PackedResidual:
         heads_in = _affine(parameters, "heads_in")
         self._heads_in = _with_ones(heads_in, heads_in.shape[1] - 1) * np.float32(0.5)
         heads = [_affine(parameters, f"heads_out.{name}") for name in HEADS]
-        unit = np.array(RESIDUAL_UNIT, np.float32)[:, None]
-        self._heads_out = (_beside_another(heads) * (0.5 * unit))[PACKED]
+        said = _beside_another(heads)
+        said *= 0.5 * np.array(list(RESIDUAL_UNIT.values()), np.float32)[:, None]
+        fields = np.zeros((7, said.shape[1]), np.float32)
+        fields[_FIELDS] = said
+        self._heads_out = fields[PACKED]
 
     def __call__(self, features: Single) -> Single:
         """Rates `(7, n)` of packed boxes."""

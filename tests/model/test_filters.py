@@ -148,6 +148,17 @@ def test_an_untrained_hybrid_filter_is_its_classical_base() -> None:
     assert drive(hybrid, boxes)[0] == pytest.approx(drive(hybrid.base, boxes)[0], abs=1e-6)
 
 
+def test_the_learned_residual_leaves_height_and_sizes_to_the_base() -> None:
+    learned = randomised(HybridFilter(KINDS))
+    assert isinstance(learned, HybridFilter)
+    box = torch.tensor([[10.0, 5.0, 1.0, 4.0, 1.8, 1.5, 0.3]], dtype=torch.float64)
+    rows = learned.birth(seen(box, SENSOR), torch.tensor([0]))
+    with torch.inference_mode():
+        prior, _ = learned.predict(box, rows, torch.tensor([0.1]))
+        moved, _ = learned.base.predict(box, rows[:, learned.columns["base"]], torch.tensor([0.1]))
+    assert (prior != moved).flatten().tolist() == [True, True, *4 * [False], True]
+
+
 def test_uncertain_measurements_move_a_track_less() -> None:
     motion = KalmanFilter(KINDS)
     boxes = straight_drive(6)

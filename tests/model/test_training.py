@@ -150,7 +150,8 @@ def test_the_likelihood_teaches_how_far_off_boxes_are() -> None:
         with torch.no_grad():
             motion.base.log_r.fill_(-7.0)
             motion.base.log_q.fill_(-7.0)
-        train_hybrid(motion, data, QUICK.model_copy(update={"likelihood_weight": weight}), quiet)
+        settings = QUICK.model_copy(update={"learn": "both", "likelihood_weight": weight})
+        train_hybrid(motion, data, settings, quiet)
         return batch_losses(motion, windows).likelihood.item()
 
     assert surprise(0.1) < surprise(0.0) - 0.5
