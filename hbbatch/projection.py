@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -74,16 +75,17 @@ class Camera:
             )
         return camera
 
-    def outlines(self, boxes_sensor: FloatArray, class_names: NDArray[Any]) -> FloatArray:
+    def outlines(
+        self, boxes_sensor: FloatArray, class_code: NDArray[np.int64], class_names: Sequence[str]
+    ) -> FloatArray:
         """Where objects lie in this camera's image, `(n, 4)` as of `image_boxes`.
 
         Args:
             boxes_sensor: `(n, 7)` in the sensor frame.
-            class_names: `(n,)` normalised.
+            class_code: `(n,)` index into the names.
+            class_names: normalised.
         """
-        breadth = np.ones(len(boxes_sensor))
-        for name, share in BREADTH.items():
-            breadth[class_names == name] = share
+        breadth = np.array([BREADTH.get(name, 1.0) for name in class_names])[class_code]
         size_px = self.width_px, self.height_px
         return image_boxes(boxes_sensor, self.image_from_sensor, *size_px, breadth)
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from hbbatch.errors import DatasetError
 
@@ -158,6 +160,12 @@ def coded(schema: pa.Schema) -> pa.Schema:
     kind = pa.dictionary(pa.int32(), _TEXT)
     fields = [field.with_type(kind) if field.type == _TEXT else field for field in schema]
     return pa.schema(fields, schema.metadata)
+
+
+def codes(texts: pa.ChunkedArray) -> tuple[NDArray[np.int64], list[str]]:
+    """A column of texts as numbers `(n,)`, and the texts that they stand for."""
+    coded = texts.combine_chunks().dictionary_encode()
+    return coded.indices.to_numpy().astype(np.int64), coded.dictionary.to_pylist()
 
 
 def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:

@@ -15,6 +15,7 @@ if AVAILABLE:
     from hbbatch.packed._kernels import (
         birth,
         gather,
+        lines,
         match,
         mix_memory,
         predict,
@@ -31,6 +32,7 @@ __all__ = [
     "AVAILABLE",
     "birth",
     "gather",
+    "lines",
     "match",
     "mix_memory",
     "predict",
