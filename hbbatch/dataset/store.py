@@ -232,7 +232,8 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
         DatasetError: the file is missing, damaged or does not fit the schema.
     """
     try:
-        with pq.ParquetFile(path, memory_map=True) as file:
+        # Opened here, for Arrow would look up the path's file system each time.
+        with pa.memory_map(str(path)) as mapped, pq.ParquetFile(mapped) as file:
             names = set(file.schema_arrow.names)
             there = [name for name in expected.names if name in names]
             # Files are small: one thread is done before others have started.
@@ -257,7 +258,8 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
     coded = schema.coded(expected)
     with (
         write_aside(path) as aside,
-        pq.ParquetWriter(aside, coded, store_schema=False, **_encoding(expected)) as writer,
+        pa.OSFile(str(aside), "wb") as file,
+        pq.ParquetWriter(file, coded, store_schema=False, **_encoding(expected)) as writer,
     ):
         yield lambda table: writer.write_table(schema.conform(table, coded, str(path)))
         # Who reads the file gets texts, whatever they were written from.
@@ -294,4 +296,9 @@ def write_table(path: Path, table: pa.Table, expected: pa.Schema) -> None:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file aside and rename it."""
     with write_aside(path) as aside:
-        aside.write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")
+        aside.write_text(json_text(content))
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """How JSON files are laid out."""
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from hbbatch import schema
 from hbbatch.boxes import FloatArray
 from hbbatch.config import ConfidenceWeights, KindConfidence, OutputSettings, ScoreScale
 from hbbatch.evaluation.persistence import persistent
@@ -58,7 +59,8 @@ def uncut_output(output: OutputSettings) -> OutputSettings:
 def uncut(tracked: Iterable[TrackedSequence], class_names: Sequence[str]) -> Iterator[Uncut]:
     """Tracked sequences with their tables."""
     for done in tracked:
-        yield Uncut(done, tracks_table(done, class_names))
+        table = schema.conform(tracks_table(done, class_names), schema.TRACKS, "tracks")
+        yield Uncut(done, table)
 
 
 def score_scales(sequences: Iterable[Uncut], class_names: Sequence[str]) -> dict[str, ScoreScale]:

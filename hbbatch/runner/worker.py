@@ -12,7 +12,8 @@ from typing import Any, Final, Protocol
 from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
-from hbbatch.dataset.store import write_json, write_table
+from hbbatch.dataset.atomic import write_unflushed
+from hbbatch.dataset.store import json_text, write_table
 from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
@@ -226,8 +227,12 @@ def _camera(dataset: Dataset, sequence_id: str) -> Camera | None:
 
 
 def write_status(run: Run, sequence_id: str, status: dict[str, Any]) -> None:
-    """Say in the run's folder what became of a sequence."""
-    write_json(run.status(sequence_id), {"sequence_id": sequence_id, **status})
+    """Say in the run's folder what became of a sequence.
+
+    The disk is not waited for: a sequence whose status was lost is tracked again.
+    """
+    with write_unflushed(run.status(sequence_id)) as aside:
+        aside.write_text(json_text({"sequence_id": sequence_id, **status}))
 
 
 def remove_status(run: Run, sequence_id: str) -> None:
