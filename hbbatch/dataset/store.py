@@ -255,13 +255,29 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
     Each batch is checked against the schema; the file appears when the block ends without error.
     Texts may come as dictionaries (`schema.coded`), of which no value is met twice.
     """
-    coded = schema.coded(expected)
     with (
         write_aside(path) as aside,
         pa.OSFile(str(aside), "wb") as file,
-        pq.ParquetWriter(file, coded, store_schema=False, **_encoding(expected)) as writer,
+        _appending(file, expected, str(path)) as append,
     ):
-        yield lambda table: writer.write_table(schema.conform(table, coded, str(path)))
+        yield append
+
+
+def table_bytes(table: pa.Table, expected: pa.Schema, what: str) -> pa.Buffer:
+    """What a Parquet file of a table holds; the table is as for `table_writer`."""
+    sink = pa.BufferOutputStream()
+    with _appending(sink, expected, what) as append:
+        append(table)
+    return sink.getvalue()
+
+
+@contextmanager
+def _appending(
+    sink: pa.NativeFile, expected: pa.Schema, what: str
+) -> Iterator[Callable[[pa.Table], None]]:
+    coded = schema.coded(expected)
+    with pq.ParquetWriter(sink, coded, store_schema=False, **_encoding(expected)) as writer:
+        yield lambda table: writer.write_table(schema.conform(table, coded, what))
         # Who reads the file gets texts, whatever they were written from.
         told = {_ARROW_SCHEMA: b64encode(expected.serialize())}
         writer.add_key_value_metadata({**(expected.metadata or {}), **told})
