@@ -145,14 +145,14 @@ class TrackedSequence:
     Attributes:
         frames: what was given.
         tracks: the boxes to write.
-        evidence: what speaks for each box.
+        track_score: `(n,)` mean score of each box's track, online of its rows so far.
         confidence: `(n,)` probability of each box to be right, NaN where it was not judged.
         seconds: time spent on it in each stage.
     """
 
     frames: SequenceFrames
     tracks: SequenceTracks
-    evidence: Evidence
+    track_score: FloatArray
     confidence: FloatArray
     seconds: StageSeconds = field(default_factory=StageSeconds)
 
@@ -174,7 +174,7 @@ def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
         "class_name": _coded(tracks.class_code, class_names),
         "state": _coded(tracks.state, STATE_NAMES),
         "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
-        "track_score": pa.array(done.evidence.track_score),
+        "track_score": pa.array(done.track_score),
         "confidence": pa.array(done.confidence, mask=np.isnan(done.confidence)),
         **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
