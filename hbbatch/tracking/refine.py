@@ -93,8 +93,10 @@ def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
     boxes = tracks.boxes.copy()
     _, track, count = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
     first = np.cumsum(count) - count
+    track = track.astype(np.min_scalar_type(len(count)))  # few bits are sorted in one pass
     for column in range(LENGTH, HEIGHT + 1):
-        ranked = boxes[np.lexsort((boxes[:, column], track)), column]
+        rising = boxes[:, column].argsort()
+        ranked = boxes[rising[track[rising].argsort(kind="stable")], column]
         median = 0.5 * (ranked[first + (count - 1) // 2] + ranked[first + count // 2])
         boxes[:, column] = median[track]
     return replace(tracks, boxes=boxes)
