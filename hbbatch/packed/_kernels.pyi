@@ -40,11 +40,22 @@ def match(
         threshold: on the cost.
     """
 
-def settle(cells: IntArray, matched: IntArray, order: IntArray, count: int, most: int, /) -> int:
-    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on."""
+def settle(
+    cells: IntArray,
+    matched: IntArray,
+    detections: IntArray,
+    order: IntArray,
+    count: int,
+    most: int,
+    /,
+) -> int:
+    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on.
 
-def gather(source: NDArray[Any], order: IntArray, target: NDArray[Any], /) -> None:
-    """Column `order[i]` of the source becomes column i of the target; they are not the same."""
+    Detections of the matched rows are put in that order.
+    """
+
+def arrange(matrix: NDArray[Any], order: IntArray, /) -> None:
+    """Column `order[i]` becomes column i, in place."""
 
 def say(
     boxes: FloatArray,

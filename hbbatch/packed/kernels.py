@@ -13,8 +13,8 @@ AVAILABLE: Final = find_spec("hbbatch.packed._kernels") is not None
 
 if AVAILABLE:
     from hbbatch.packed._kernels import (
+        arrange,
         birth,
-        gather,
         lines,
         match,
         mix_memory,
@@ -30,8 +30,8 @@ if AVAILABLE:
 
 __all__ = [
     "AVAILABLE",
+    "arrange",
     "birth",
-    "gather",
     "lines",
     "match",
     "mix_memory",

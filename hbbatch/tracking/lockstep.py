@@ -74,12 +74,13 @@ class LockStep:
             predicted = perf_counter()
             pairs = self._associate(step, priors)
         associated = perf_counter()
-        order, alive = self._rows.settle(pairs.track, self._settings.management.max_misses)
+        patience = self._settings.management.max_misses
+        order, matched, alive = self._rows.settle(pairs, patience)
         self._arrange(order)
-        if len(pairs.track):
-            self._bank.update(pairs.detection)
+        if len(matched):
+            self._bank.update(matched)
         updated = perf_counter()
-        self._manage(step, pairs.detection, alive)
+        self._manage(step, matched, alive)
         clock = self._clock
         clock.predict += predicted - start
         clock.associate += associated - predicted

@@ -40,7 +40,7 @@ int within(const Array *indices, Py_ssize_t limit);
 
 /* What the module offers. */
 typedef PyObject *Kernel(PyObject *module, PyObject *const *given, Py_ssize_t count);
-Kernel match, settle, gather, say, birth, predict_features, predict, update_features, update;
+Kernel match, settle, arrange, say, birth, predict_features, predict, update_features, update;
 Kernel rectify, reset_memory, mix_memory, lines;
 
 #endif

@@ -54,7 +54,7 @@ int within(const Array *indices, Py_ssize_t limit) {
 static PyMethodDef methods[] = {
     METHOD(match),
     METHOD(settle),
-    METHOD(gather),
+    METHOD(arrange),
     METHOD(say),
     METHOD(birth),
     METHOD(predict_features),
