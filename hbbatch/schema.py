@@ -142,7 +142,7 @@ TIMING: Final = _table(
     _field("worker", _INT, "1", "number of the worker process"),
     _field("peak_rss_mb", _FLOAT, "MB", "highest resident memory of the worker so far"),
 )
-"""One row a sequence of a run; a group's time is shared out by track steps."""
+"""One row a sequence of a run; a group's time is shared out by detections."""
 
 
 def format_version(schema: pa.Schema) -> int:
