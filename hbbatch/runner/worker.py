@@ -96,8 +96,8 @@ def track_group(
     """Track sequences together and write each when it ends; one outcome a sequence, always.
 
     A group too large for memory is taken in parts. While one part is stepped, the next is read
-    and what has ended is written, in threads of their own. Only one of these encodes: threads that
-    take turns with the interpreter cost more than the work they do.
+    and what has ended is written, in threads of their own. Only one of these encodes: more would
+    take turns with it at the interpreter.
 
     A sequence that cannot be read or written fails alone. If stepping the group fails, the
     sequences not yet done are stepped one by one, so that only the culprit fails.

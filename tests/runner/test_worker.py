@@ -155,10 +155,10 @@ def test_a_sequence_is_written_while_another_one_waits_for_the_disk(
     assert [outcome.error for outcome in found.values()] == [None, None]
 
 
-def test_what_runs_in_a_worker_takes_turns_with_one_thread_that_encodes(
+def test_one_thread_encodes_and_it_is_not_the_one_that_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """More would fight for the interpreter while they step, and two workers gain less than two."""
+    """More would only take turns with it at the interpreter."""
     threads = set()
     encode = worker.tracks_table
 
