@@ -13,6 +13,7 @@ KERNELS = Extension(
     # Nothing is fused or reordered: rounding is the same whatever the machine.
     extra_compile_args=[
         *("-std=c11", "-O3", "-fvisibility=hidden"),
+        "-g0",  # a wheel names no folder of who built it
         *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     ],
     libraries=["m"],

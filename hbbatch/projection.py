@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import FloatArray, corners
+from hbbatch.boxes import HEIGHT, LENGTH, WIDTH, YAW, FloatArray, X, Y, Z
 from hbbatch.errors import DatasetError
 
 NEAR_PLANE_M: Final = 0.1
@@ -74,16 +75,17 @@ class Camera:
             )
         return camera
 
-    def outlines(self, boxes_sensor: FloatArray, class_names: NDArray[Any]) -> FloatArray:
+    def outlines(
+        self, boxes_sensor: FloatArray, class_code: NDArray[np.int64], class_names: Sequence[str]
+    ) -> FloatArray:
         """Where objects lie in this camera's image, `(n, 4)` as of `image_boxes`.
 
         Args:
             boxes_sensor: `(n, 7)` in the sensor frame.
-            class_names: `(n,)` normalised.
+            class_code: `(n,)` index into the names.
+            class_names: normalised.
         """
-        breadth = np.ones(len(boxes_sensor))
-        for name, share in BREADTH.items():
-            breadth[class_names == name] = share
+        breadth = np.array([BREADTH.get(name, 1.0) for name in class_names])[class_code]
         size_px = self.width_px, self.height_px
         return image_boxes(boxes_sensor, self.image_from_sensor, *size_px, breadth)
 
@@ -112,36 +114,55 @@ def image_boxes(
         `(n, 4)` left, top, right, bottom in pixels, within [0, width_px - 1] x [0, height_px - 1];
         NaN where no part of the box is in the image.
     """
-    projected = corners(boxes_sensor) @ image_from_sensor[:, :3].T + image_from_sensor[:, 3]
-    cut = (projected[..., 2] < NEAR_PLANE_M).any(axis=1)
-    low, high = np.empty((len(boxes_sensor), 2)), np.empty((len(boxes_sensor), 2))
-    low[~cut], high[~cut] = _extent(projected[~cut])
-    low[cut], high[cut] = _extent(_cut_edges(projected[cut]))
-    spare = 0.5 * (1.0 - breadth) * (high[:, 0] - low[:, 0])
-    low[:, 0] += spare
-    high[:, 0] -= spare
+    projected = _projected_corners(boxes_sensor, image_from_sensor)
+    cut = (projected[2] < NEAR_PLANE_M).any(axis=0)
+    edges = _cut_edges(projected[..., cut])
+    projected[2, :, cut] = 1.0  # the camera may lie in a corner
+    rectangle = _extent(projected)
+    rectangle[..., cut] = _extent(edges)
+    low, high = rectangle
+    spare = 0.5 * (1.0 - breadth) * (high[0] - low[0])
+    low[0] += spare
+    high[0] -= spare
     edge = np.array([width_px, height_px]) - 1.0
-    rectangle = np.concatenate([np.clip(low, 0.0, edge), np.clip(high, 0.0, edge)], axis=1)
-    seen = (rectangle[:, :2] < rectangle[:, 2:]).all(axis=1)
-    rectangle[~seen] = np.nan
-    return rectangle
+    np.clip(rectangle, 0.0, edge[:, None], out=rectangle)
+    seen = (low < high).all(axis=0)
+    rectangle[..., ~seen] = np.nan
+    return rectangle.reshape(4, -1).T
 
 
-def _extent(projected: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest pixel coordinates of each box's points, those that are NaN left out."""
-    # Boxes last, so that each of the few comparisons runs along all of them.
-    pixels = np.empty((2, projected.shape[1], len(projected)))
-    np.divide(projected.T[:2], projected.T[2], out=pixels)
-    return np.fmin.reduce(pixels, axis=1).T, np.fmax.reduce(pixels, axis=1).T
+def _projected_corners(boxes: FloatArray, image_from_sensor: FloatArray) -> FloatArray:
+    """Homogeneous pixels `(3, 8, n)` of corners in the order of `boxes.corners`.
+
+    Boxes come last throughout, so that each operation runs along all of them.
+    """
+    x, y, z, shift = image_from_sensor[:, :, None].transpose(1, 0, 2)
+    cos, sin = np.cos(boxes[:, YAW]), np.sin(boxes[:, YAW])
+    along = (x * cos + y * sin) * (0.5 * boxes[:, LENGTH])
+    across = (y * cos - x * sin) * (0.5 * boxes[:, WIDTH])
+    up = z * (0.5 * boxes[:, HEIGHT])
+    centre = x * boxes[:, X] + y * boxes[:, Y] + z * boxes[:, Z] + shift
+    projected = np.empty((3, 8, len(boxes)))
+    for corner, (ahead, left) in enumerate(((1, 1), (1, -1), (-1, -1), (-1, 1))):
+        middle = centre + ahead * along + left * across
+        projected[:, corner] = middle - up
+        projected[:, corner + 4] = middle + up
+    return projected
+
+
+def _extent(projected: FloatArray) -> FloatArray:
+    """Lowest and highest pixel coordinates of each box's points, `(2, 2, n)`; NaN are left out."""
+    pixels = projected[:2] / projected[2]
+    return np.stack([np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)])
 
 
 def _cut_edges(projected: FloatArray) -> FloatArray:
     """Both ends of every edge after the cut at the near plane; NaN for an edge wholly behind it."""
     start, end = projected[:, _FROM], projected[:, _TO]
-    depth, other = start[..., 2], end[..., 2]
+    depth, other = start[2], end[2]
     behind = depth < NEAR_PLANE_M
     run = np.where(other == depth, 1.0, other - depth)
     share = np.where(behind, (NEAR_PLANE_M - depth) / run, 0.0)
-    ends = start + share[..., None] * (end - start)
-    ends[behind & (other < NEAR_PLANE_M)] = np.nan
+    ends = start + share * (end - start)
+    ends[:, behind & (other < NEAR_PLANE_M)] = np.nan
     return ends

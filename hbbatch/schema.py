@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from hbbatch.errors import DatasetError
 
@@ -140,7 +142,7 @@ TIMING: Final = _table(
     _field("worker", _INT, "1", "number of the worker process"),
     _field("peak_rss_mb", _FLOAT, "MB", "highest resident memory of the worker so far"),
 )
-"""One row a sequence of a run; a group's time is shared out by track steps."""
+"""One row a sequence of a run; a group's time is shared out by detections."""
 
 
 def format_version(schema: pa.Schema) -> int:
@@ -158,6 +160,12 @@ def coded(schema: pa.Schema) -> pa.Schema:
     kind = pa.dictionary(pa.int32(), _TEXT)
     fields = [field.with_type(kind) if field.type == _TEXT else field for field in schema]
     return pa.schema(fields, schema.metadata)
+
+
+def codes(texts: pa.ChunkedArray) -> tuple[NDArray[np.int64], list[str]]:
+    """A column of texts as numbers `(n,)`, and the texts that they stand for."""
+    coded = texts.combine_chunks().dictionary_encode()
+    return coded.indices.to_numpy().astype(np.int64), coded.dictionary.to_pylist()
 
 
 def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:

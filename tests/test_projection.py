@@ -89,7 +89,7 @@ def test_breadth_is_kept_about_the_middle() -> None:
     whole = seen((12.27, 0.06, -0.08, 4.0, 2.0, 1.5, 0.0))[0]
     rows = np.array([(12.27, 0.06, -0.08, 4.0, 2.0, 1.5, 0.0)] * 2)
     camera = Camera(IMAGE_FROM_SENSOR, WIDTH_PX, HEIGHT_PX)
-    car, person = camera.outlines(rows, np.array(["car", "pedestrian"]))
+    car, person = camera.outlines(rows, np.arange(2), ["car", "pedestrian"])
     np.testing.assert_allclose(car, whole)
     np.testing.assert_allclose(person[[1, 3]], whole[[1, 3]])
     np.testing.assert_allclose(person[[0, 2]].mean(), whole[[0, 2]].mean())

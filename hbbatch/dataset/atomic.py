@@ -17,12 +17,23 @@ def write_aside(path: Path) -> Iterator[Path]:
     Raises:
         DatasetError: the folder or the file cannot be written.
     """
+    with write_unflushed(path) as aside:
+        yield aside
+        _flush(aside)
+
+
+@contextmanager
+def write_unflushed(path: Path) -> Iterator[Path]:
+    """`write_aside` for what may be lost with the machine's power: it is not waited for the disk.
+
+    Raises:
+        DatasetError: the folder or the file cannot be written.
+    """
     aside = path.parent / f".{path.name}.{os.getpid()}.partial"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield aside
-            _flush(aside)
             aside.replace(path)
         finally:
             with suppress(FileNotFoundError):

@@ -232,7 +232,8 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
         DatasetError: the file is missing, damaged or does not fit the schema.
     """
     try:
-        with pq.ParquetFile(path, memory_map=True) as file:
+        # Opened here, for Arrow would look up the path's file system each time.
+        with pa.memory_map(str(path)) as mapped, pq.ParquetFile(mapped) as file:
             names = set(file.schema_arrow.names)
             there = [name for name in expected.names if name in names]
             # Files are small: one thread is done before others have started.
@@ -254,12 +255,29 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
     Each batch is checked against the schema; the file appears when the block ends without error.
     Texts may come as dictionaries (`schema.coded`), of which no value is met twice.
     """
-    coded = schema.coded(expected)
     with (
         write_aside(path) as aside,
-        pq.ParquetWriter(aside, coded, store_schema=False, **_encoding(expected)) as writer,
+        pa.OSFile(str(aside), "wb") as file,
+        _appending(file, expected, str(path)) as append,
     ):
-        yield lambda table: writer.write_table(schema.conform(table, coded, str(path)))
+        yield append
+
+
+def table_bytes(table: pa.Table, expected: pa.Schema, what: str) -> pa.Buffer:
+    """What a Parquet file of a table holds; the table is as for `table_writer`."""
+    sink = pa.BufferOutputStream()
+    with _appending(sink, expected, what) as append:
+        append(table)
+    return sink.getvalue()
+
+
+@contextmanager
+def _appending(
+    sink: pa.NativeFile, expected: pa.Schema, what: str
+) -> Iterator[Callable[[pa.Table], None]]:
+    coded = schema.coded(expected)
+    with pq.ParquetWriter(sink, coded, store_schema=False, **_encoding(expected)) as writer:
+        yield lambda table: writer.write_table(schema.conform(table, coded, what))
         # Who reads the file gets texts, whatever they were written from.
         told = {_ARROW_SCHEMA: b64encode(expected.serialize())}
         writer.add_key_value_metadata({**(expected.metadata or {}), **told})
@@ -294,4 +312,9 @@ def write_table(path: Path, table: pa.Table, expected: pa.Schema) -> None:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file aside and rename it."""
     with write_aside(path) as aside:
-        aside.write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")
+        aside.write_text(json_text(content))
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """How JSON files are laid out."""
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from hbbatch import schema
 from hbbatch.boxes import BOX_FIELDS, FloatArray
 from hbbatch.evaluation.columns import floats, integers
 from hbbatch.evaluation.metrics import ClassTracks, ClassTruth, kitti_dataset, score_class
@@ -102,7 +103,7 @@ def kitti_tracks(
 def _projected(tracks: pa.Table, camera: Camera) -> tuple[pa.Table, FloatArray]:
     tracks = tracks.sort_by("frame_index")
     boxes = floats(tracks, [f"sensor_{name}" for name in BOX_FIELDS])
-    return tracks, camera.outlines(boxes, tracks["class_name"].to_numpy())
+    return tracks, camera.outlines(boxes, *schema.codes(tracks["class_name"]))
 
 
 def _of_class(tracks: pa.Table, boxes: FloatArray, class_name: str) -> ClassTracks:

@@ -15,6 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from hbbatch import schema
 from hbbatch.boxes import BOX_FIELDS, FloatArray
 from hbbatch.evaluation.box_3d import box_truth, volume_iou
 from hbbatch.evaluation.columns import floats, integers
@@ -45,14 +46,14 @@ def verdicts(tracks: pa.Table, labels: pa.Table, camera: Camera | None, name: st
     """
     boxes = floats(tracks, [f"sensor_{field}" for field in BOX_FIELDS])
     frame = integers(tracks, "frame_index")
-    class_names = tracks["class_name"].to_numpy()
-    of_class = class_names == name
+    kind, names = schema.codes(tracks["class_name"])
+    of_class = np.array([other == name for other in names], bool)[kind]
     found = np.full(len(frame), NOT_JUDGED, np.int8)
     if camera is not None and labels["image_left"].null_count < labels.num_rows:
         if name not in KITTI_CLASSES:
             return found
         truth = kitti_truth({"": labels}, [name])[name][""]
-        image = camera.outlines(boxes, class_names)
+        image = camera.outlines(boxes, kind, names)
         of_class &= ~np.isnan(image[:, 0])
         found[of_class] = _in_image(frame[of_class], image[of_class], truth)
     else:

@@ -6,6 +6,7 @@ from `packed.layout`, and what else filters are given from `packed.kalman`, whic
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
@@ -39,11 +40,22 @@ def match(
         threshold: on the cost.
     """
 
-def settle(cells: IntArray, matched: IntArray, order: IntArray, count: int, most: int, /) -> int:
-    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on."""
+def settle(
+    cells: IntArray,
+    matched: IntArray,
+    detections: IntArray,
+    order: IntArray,
+    count: int,
+    most: int,
+    /,
+) -> int:
+    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on.
 
-def gather(source: NDArray[Any], order: IntArray, target: NDArray[Any], /) -> None:
-    """Column `order[i]` of the source becomes column i of the target; they are not the same."""
+    Detections of the matched rows are put in that order.
+    """
+
+def arrange(matrix: NDArray[Any], order: IntArray, /) -> None:
+    """Column `order[i]` becomes column i, in place."""
 
 def say(
     boxes: FloatArray,
@@ -131,3 +143,28 @@ def reset_memory(gates: Single, remembered: Single, candidate: Single, /) -> Non
 
 def mix_memory(gates: Single, candidate: Single, features: Single, /) -> None:
     """Memory, which the features begin with, is kept where the second gates say; else candidate."""
+
+def lines(
+    frame_index: IntArray,
+    track_id: IntArray,
+    kind: IntArray,
+    words: bytes,
+    ends: IntArray,
+    values: FloatArray,
+    text: NDArray[np.uint8],
+    /,
+) -> int:
+    """A line a track and frame: both integers, a word, and values to four decimals.
+
+    Args:
+        frame_index: `(n,)`.
+        track_id: `(n,)`.
+        kind: `(n,)` number of the word.
+        words: one after the other.
+        ends: `(words + 1,)` 0 and where each ends.
+        values: `(columns, n)`; written without zeros at the end.
+        text: room for the lines, `n` times the longest word and 22 more for each number.
+
+    Returns:
+        How many bytes were written; -1 if a value is not finite or not smaller than 10^9.
+    """

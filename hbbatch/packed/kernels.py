@@ -13,8 +13,9 @@ AVAILABLE: Final = find_spec("hbbatch.packed._kernels") is not None
 
 if AVAILABLE:
     from hbbatch.packed._kernels import (
+        arrange,
         birth,
-        gather,
+        lines,
         match,
         mix_memory,
         predict,
@@ -29,8 +30,9 @@ if AVAILABLE:
 
 __all__ = [
     "AVAILABLE",
+    "arrange",
     "birth",
-    "gather",
+    "lines",
     "match",
     "mix_memory",
     "predict",

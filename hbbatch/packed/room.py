@@ -22,14 +22,13 @@ class Room(Generic[Scalar]):
     """A matrix whose first columns are used and whose others are spare.
 
     Attributes:
-        whole: `(height, columns)`, contiguous; replaced as columns come and go.
+        whole: `(height, columns)`, contiguous; replaced where there is no room.
         count: columns in use.
     """
 
     def __init__(self, height: int, dtype: DTypeLike) -> None:
         """No column in use."""
         self.whole: NDArray[Scalar] = _matrix(height, _FIRST_COLUMNS, dtype)
-        self._other = np.empty_like(self.whole)
         self.count = 0
 
     def row(self, number: int) -> NDArray[Scalar]:
@@ -41,10 +40,9 @@ class Room(Generic[Scalar]):
         """Column `order[i]` becomes column i; columns not named are dropped."""
         self.count = len(order)
         if kernels.AVAILABLE:
-            kernels.gather(self.whole, order, self._other)
+            kernels.arrange(self.whole, order)
         else:
-            self._other[:, : self.count] = self.whole.take(order, axis=1)
-        self.whole, self._other = self._other, self.whole
+            self.whole[:, : self.count] = self.whole.take(order, axis=1)
 
     def truncate(self, count: int) -> None:
         """Drop all columns but the first."""
@@ -56,7 +54,7 @@ class Room(Generic[Scalar]):
         if self.count > self.whole.shape[1]:
             larger: NDArray[Scalar] = _matrix(len(self.whole), 2 * self.count, self.whole.dtype)
             larger[:, :first] = self.whole[:, :first]
-            self.whole, self._other = larger, np.empty_like(larger)
+            self.whole = larger
         return slice(first, self.count)
 
 

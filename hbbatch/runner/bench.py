@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
@@ -102,12 +103,23 @@ def _machine(workload: Workload) -> Table:
                 "compiled kernels",
                 "in use" if AVAILABLE else "not built: torch steps, numpy matches",
             ),
+            ("matrix products are computed by", _products()),
             ("float32 matrix product, 1024³", f"{big / 1e9:.1f} G multiply-adds/s"),
             ("float32 matrix product, 128 x 95 x 100", f"{small / 1e9:.1f} G multiply-adds/s"),
             ("copy of 64 MB, bytes read and written", f"{copy_rate(64_000_000) / 1e9:.1f} GB/s"),
             ("network, to predict one track", f"{predict:,} multiply-adds"),
             ("network, to correct one track", f"{update:,} multiply-adds"),
         ],
+    )
+
+
+def _products() -> str:
+    """The libraries numpy multiplies with, and for which processors the code is that they chose."""
+    found = threadpool_info()
+    libraries = [library for library in found if library["user_api"] == "blas"]
+    return ", ".join(
+        f"{library['internal_api']} {library['version']} ({library.get('architecture', 'any')})"
+        for library in libraries
     )
 
 

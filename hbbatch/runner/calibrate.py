@@ -169,7 +169,7 @@ def _tracked(
         )
         for s in chosen
     ]
-    sequences = list(uncut(tracker.track(frames), tracker.class_names))
+    sequences = list(uncut(tracker.track(frames), output.protocol, tracker.class_names))
     scales = score_scales(sequences, tracker.class_names)
     if not scales:
         raise DatasetError(

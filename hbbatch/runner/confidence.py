@@ -10,15 +10,23 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from hbbatch import schema
 from hbbatch.boxes import FloatArray
-from hbbatch.config import ConfidenceWeights, KindConfidence, OutputSettings, ScoreScale
+from hbbatch.config import (
+    ConfidenceWeights,
+    KindConfidence,
+    OutputSettings,
+    ProtocolName,
+    ScoreScale,
+)
 from hbbatch.evaluation.persistence import persistent
 from hbbatch.evaluation.verdicts import NOT_JUDGED, RIGHT, verdicts
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.projection import Camera
 from hbbatch.runner.confidence_fit import fit
 from hbbatch.tracking.confidence import features, scale_of
-from hbbatch.tracking.tracks import TrackedSequence, tracks_table
+from hbbatch.tracking.evidence import evidence_of
+from hbbatch.tracking.tracks import Evidence, TrackedSequence, tracks_table
 
 FEWEST_DETECTIONS: Final = 100
 """Detections on persistent tracks below which a scale is not trusted."""
@@ -29,9 +37,10 @@ FEWEST_BOXES: Final = 20
 
 @dataclass(frozen=True)
 class Uncut:
-    """A sequence with all its tracks, as arrays and as the table that would be written."""
+    """A sequence with all its tracks, what speaks for them, and the table that would be written."""
 
     tracked: TrackedSequence
+    evidence: Evidence
     table: pa.Table
 
 
@@ -55,10 +64,14 @@ def uncut_output(output: OutputSettings) -> OutputSettings:
     return output.model_copy(update=uncut)
 
 
-def uncut(tracked: Iterable[TrackedSequence], class_names: Sequence[str]) -> Iterator[Uncut]:
-    """Tracked sequences with their tables."""
+def uncut(
+    tracked: Iterable[TrackedSequence], protocol: ProtocolName, class_names: Sequence[str]
+) -> Iterator[Uncut]:
+    """Sequences tracked with `uncut_output`, with their evidence and tables."""
     for done in tracked:
-        yield Uncut(done, tracks_table(done, class_names))
+        known = evidence_of(protocol, done.tracks, done.frames)
+        table = schema.conform(tracks_table(done, class_names), schema.TRACKS, "tracks")
+        yield Uncut(done, known, table)
 
 
 def score_scales(sequences: Iterable[Uncut], class_names: Sequence[str]) -> dict[str, ScoreScale]:
@@ -92,7 +105,7 @@ def lessons(
         rows = (found != NOT_JUDGED) & (
             sequence.tracked.tracks.class_code == class_names.index(name)
         )
-        known = sequence.tracked.evidence.take(rows)
+        known = sequence.evidence.take(rows)
         right = found[rows] == RIGHT
         yield Lesson(KIND_OF_CLASS[name], features(known, scale), known.detected, right)
 

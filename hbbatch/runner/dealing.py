@@ -14,15 +14,15 @@ from typing import Final, NamedTuple
 from hbbatch.tracking.schedule import DETECTIONS_PER_STEP
 
 MAX_GROUP_DETECTIONS: Final = 1_200_000
-"""Detections handed to a worker at a time: a quarter of a minute's work, so that workers end
+"""Detections handed to a worker at a time: some seven seconds of work, so that workers end
 together and little is lost with one that dies."""
 
 MAX_PART_DETECTIONS: Final = 300_000
 """Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
 
 _STEP_US: Final = 20
-_DETECTION_US: Final = 13
-_SEQUENCE_US: Final = 11_000
+_DETECTION_US: Final = 4
+_SEQUENCE_US: Final = 4_000
 
 _WORKER_US: Final = 350_000
 """From the start of a worker process to its first sequence."""
@@ -30,7 +30,7 @@ _WORKER_US: Final = 350_000
 _REST: Final = 0.2
 """Part of the work that is kept for who is free first: more than prices err between groups."""
 
-_LEAST_REST_US: Final = 2 * _WORKER_US
+_LEAST_REST_US: Final = 260_000
 """What is handed out last at least: workers end so far apart, and smaller groups waste steps."""
 
 _WORTH: Final = 1.05

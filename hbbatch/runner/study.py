@@ -311,7 +311,7 @@ def _uncut(
     content["output"] = {**content.get("output", {}), "protocol": protocol}
     settings = TrackSettings.model_validate({**content, "filter": variant.filter})
     tracker = Tracker(settings.model_copy(update={"output": uncut_output(settings.output)}))
-    done = uncut(tracker.track(list(material.frames.values())), tracker.class_names)
+    done = uncut(tracker.track(list(material.frames.values())), protocol, tracker.class_names)
     return {sequence.tracked.frames.sequence_id: sequence for sequence in done}
 
 
@@ -351,7 +351,7 @@ def _likely(
     for sequence in sequences:
         tracked = sequence.tracked
         tracks = tracked.tracks
-        probability = confidence(tracked.evidence, tracks.class_code, output, class_names)
+        probability = confidence(sequence.evidence, tracks.class_code, output, class_names)
         rows = pa.array(likely(tracks, probability, output.min_confidence))
         kept[tracked.frames.sequence_id] = sequence.table.filter(rows)
     return kitti_tracks(kept, material.cameras, class_names)

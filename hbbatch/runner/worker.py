@@ -9,10 +9,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+import pyarrow as pa
+
 from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
-from hbbatch.dataset.store import write_json, write_table
+from hbbatch.dataset.atomic import write_unflushed
+from hbbatch.dataset.store import json_text, table_bytes
 from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
@@ -30,8 +33,8 @@ from hbbatch.tracking.tracks import TrackedSequence, tracks_table
 _MAX_UNWRITTEN: Final = 8
 """Sequences that have ended and wait for a writer at most."""
 
-_WRITERS: Final = 3
-"""Threads that write: one waits for the disk most of its time, and short sequences end faster."""
+_STORERS: Final = 3
+"""Threads that put files on the disk, which is nearly all waiting for it."""
 
 
 class BatchTracker(Protocol):
@@ -93,14 +96,15 @@ def track_group(
     """Track sequences together and write each when it ends; one outcome a sequence, always.
 
     A group too large for memory is taken in parts. While one part is stepped, the next is read
-    and what has ended is written, in threads of their own.
+    and what has ended is written, in threads of their own. Only one of these encodes: more would
+    take turns with it at the interpreter.
 
     A sequence that cannot be read or written fails alone. If stepping the group fails, the
     sequences not yet done are stepped one by one, so that only the culprit fails.
     """
     parts = bounded(group, MAX_PART_DETECTIONS)
-    with ThreadPoolExecutor(_WRITERS) as writers:
-        desk = _Desk(order, loaded, worker, writers)
+    with ThreadPoolExecutor(1) as encoder, ThreadPoolExecutor(_STORERS) as storers:
+        desk = _Desk(order, loaded, worker, encoder, storers)
         for readings, failures in _read_ahead(order, loaded.tracker.class_names, parts):
             yield from failures
             yield from _track_part(desk, readings)
@@ -113,7 +117,8 @@ class _Desk:
     order: Order
     loaded: LoadedTracker
     worker: int
-    writers: ThreadPoolExecutor
+    encoder: ThreadPoolExecutor
+    storers: ThreadPoolExecutor
 
 
 def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
@@ -123,7 +128,8 @@ def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
     try:
         for tracked in desk.loaded.tracker.track([reading.frames for reading in readings]):
             reading = waiting.pop(tracked.frames.sequence_id)
-            writing.append(desk.writers.submit(_finish, desk, reading, tracked))
+            encoding = desk.encoder.submit(_encode, desk, tracked)
+            writing.append(desk.storers.submit(_finish, desk, reading, encoding))
             while len(writing) > _MAX_UNWRITTEN:
                 yield writing.popleft().result()
         _all_came_back(waiting)
@@ -195,25 +201,43 @@ def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Readin
     return _Reading(job, frames, time.perf_counter() - started)
 
 
-def _finish(desk: _Desk, reading: _Reading, tracked: TrackedSequence) -> Outcome:
+@dataclass(frozen=True)
+class _Encoded:
+    """A finished sequence and what its files will hold."""
+
+    tracked: TrackedSequence
+    table: pa.Buffer
+    text: bytes
+    seconds: float
+
+
+def _encode(desk: _Desk, tracked: TrackedSequence) -> _Encoded:
+    started = time.perf_counter()
+    sequence_id = tracked.frames.sequence_id
+    table = tracks_table(tracked, desk.loaded.tracker.class_names)
+    text = kitti_result(table, _camera(desk.order.dataset, sequence_id))
+    content = table_bytes(table, schema.TRACKS, f"tracks of {sequence_id}")
+    return _Encoded(tracked, content, text, time.perf_counter() - started)
+
+
+def _finish(desk: _Desk, reading: _Reading, encoding: Future[_Encoded]) -> Outcome:
     try:
-        return Outcome(reading.job.sequence_id, timing=_write(desk, reading, tracked))
+        return Outcome(reading.job.sequence_id, timing=_store(desk, reading, encoding.result()))
     except Exception as error:  # noqa: BLE001 - a full disk or a bad calibration of one sequence
         return _failure(reading.job, error)
 
 
-def _write(desk: _Desk, reading: _Reading, tracked: TrackedSequence) -> TimingRow:
+def _store(desk: _Desk, reading: _Reading, encoded: _Encoded) -> TimingRow:
     """Outputs first, status last; the old status goes before anything it vouches for changes."""
     started = time.perf_counter()
     run, job = desk.order.run, reading.job
     remove_status(run, job.sequence_id)
-    table = tracks_table(tracked, desk.loaded.tracker.class_names)
-    result = kitti_result(table, _camera(desk.order.dataset, job.sequence_id))
-    write_table(run.tracks(job.sequence_id), table, schema.TRACKS)
+    with write_aside(run.tracks(job.sequence_id)) as aside:
+        aside.write_bytes(encoded.table)
     with write_aside(run.kitti(job.sequence_id)) as aside:
-        aside.write_bytes(result)
-    write_s = time.perf_counter() - started
-    timing = timing_row(tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
+        aside.write_bytes(encoded.text)
+    write_s = encoded.seconds + time.perf_counter() - started
+    timing = timing_row(encoded.tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
     write_status(run, job.sequence_id, {"state": "done", "key": job.key, "timing": timing})
     return timing
 
@@ -226,8 +250,12 @@ def _camera(dataset: Dataset, sequence_id: str) -> Camera | None:
 
 
 def write_status(run: Run, sequence_id: str, status: dict[str, Any]) -> None:
-    """Say in the run's folder what became of a sequence."""
-    write_json(run.status(sequence_id), {"sequence_id": sequence_id, **status})
+    """Say in the run's folder what became of a sequence.
+
+    The disk is not waited for: a sequence whose status was lost is tracked again.
+    """
+    with write_unflushed(run.status(sequence_id)) as aside:
+        aside.write_text(json_text({"sequence_id": sequence_id, **status}))
 
 
 def remove_status(run: Run, sequence_id: str) -> None:

@@ -57,8 +57,6 @@ def confidence(
         class_names: of the codes.
     """
     probability = np.full(len(class_code), np.nan)
-    if not output.score_scale:
-        return probability
     own = output.confidence.get(output.protocol, {})
     weights = {**shipped_weights(output.protocol), **own}
     for code, name in enumerate(class_names):

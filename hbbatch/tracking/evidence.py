@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
+from hbbatch.config import ProtocolName
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.tracks import Evidence, SequenceTracks
 
@@ -52,6 +53,12 @@ def score_so_far(tracks: SequenceTracks) -> TrackScore:
     count = _running_sum(seen.astype(float), tracks.track_id[order])
     back = np.argsort(order)
     return TrackScore((total / np.maximum(count, 1))[back], count[back])
+
+
+def evidence_of(protocol: ProtocolName, tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:
+    """What a protocol knows of each row."""
+    known = evidence_so_far if protocol == "online" else evidence
+    return known(tracks, frames)
 
 
 def evidence(tracks: SequenceTracks, frames: SequenceFrames) -> Evidence:

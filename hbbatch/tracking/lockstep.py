@@ -48,6 +48,7 @@ class LockStep:
         self._free = np.ones(len(plan.scores), bool)
         sequences = len(plan.first_step)
         self._work = np.zeros(sequences)
+        self._counted = 0
         self._clock = StageSeconds()
         self._frame_at_start = plan.first_frame - plan.first_step
         kinds = kind_of_class[plan.class_codes]
@@ -63,7 +64,7 @@ class LockStep:
             self._step(step)
             for sequence in self._plan.ending[step]:
                 self._arrange(np.flatnonzero(self._rows.sequence != sequence))
-                yield sequence, self._recorder.finish(sequence), self._share(sequence)
+                yield sequence, self._recorder.finish(sequence), self._share(step, sequence)
 
     def _step(self, step: int) -> None:
         start = perf_counter()
@@ -74,18 +75,18 @@ class LockStep:
             predicted = perf_counter()
             pairs = self._associate(step, priors)
         associated = perf_counter()
-        order, alive = self._rows.settle(pairs.track, self._settings.management.max_misses)
+        patience = self._settings.management.max_misses
+        order, matched, alive = self._rows.settle(pairs, patience)
         self._arrange(order)
-        if len(pairs.track):
-            self._bank.update(pairs.detection)
+        if len(matched):
+            self._bank.update(matched)
         updated = perf_counter()
-        self._manage(step, pairs.detection, alive)
+        self._manage(step, matched, alive)
         clock = self._clock
         clock.predict += predicted - start
         clock.associate += associated - predicted
         clock.update += updated - associated
         clock.manage += perf_counter() - updated
-        self._work += np.bincount(self._rows.sequence, minlength=len(self._work))
 
     def _predict(self, step: int) -> FloatArray:
         rows = self._rows
@@ -133,8 +134,11 @@ class LockStep:
         rows.append(newborn, sequence, block, patience)
         self._recorder.add(newborn, newborn, np.arange(alive, len(rows)))
 
-    def _share(self, sequence: int) -> StageSeconds:
-        """The sequence's part of the time so far, by track steps; it leaves the account."""
+    def _share(self, step: int, sequence: int) -> StageSeconds:
+        """The sequence's part of the time so far, by detections; it leaves the account."""
+        start, self._counted = self._counted, self._offsets[step + 1]
+        seen = self._plan.sequence[start : self._counted]
+        self._work += np.bincount(seen, minlength=len(self._work))
         total = self._work.sum()
         part = self._work[sequence] / total if total else 1.0
         self._work[sequence] = 0.0

@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
 from hbbatch.config import OutputSettings, ScoreCut
 from hbbatch.tracking.confidence import confidence
-from hbbatch.tracking.evidence import (
-    TrackScore,
-    evidence,
-    evidence_so_far,
-    score_of_track,
-)
+from hbbatch.tracking.evidence import TrackScore, evidence_of, score_of_track, score_so_far
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.lead_in import add_lead_ins
-from hbbatch.tracking.tracks import Evidence, SequenceTracks, TrackedSequence, TrackState
+from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
 
@@ -42,28 +37,32 @@ def refine(
     """
     least = _least_by_class(output.min_track_score, class_names)[tracks.class_code]
     if output.protocol == "online":
-        known = evidence_so_far(tracks, frames)
-        kept = _convincing(known, output.min_detections, least)
-        return _likely(tracks, kept, known, frames, output, class_names)
+        score = score_so_far(tracks)
+        kept = _convincing(score, output.min_detections, least)
+        return _likely(tracks, kept, score, frames, output, class_names)
     chosen = tracks.take(_convincing(score_of_track(tracks), output.min_detections, least))
     filled = fill_gaps(settle_sizes(chosen), frames)
     filled = add_lead_ins(filled, frames.timestamp_ns, output.lead_in_s)
     kept = np.ones(len(filled.track_id), bool)
-    return _likely(filled, kept, evidence(filled, frames), frames, output, class_names)
+    return _likely(filled, kept, score_of_track(filled), frames, output, class_names)
 
 
 def _likely(
     tracks: SequenceTracks,
     kept: NDArray[np.bool_],
-    known: Evidence,
+    score: TrackScore,
     frames: SequenceFrames,
     output: OutputSettings,
     class_names: Sequence[str],
 ) -> TrackedSequence:
     """Those of the kept boxes that are likely right, or detected and not judged."""
-    probability = confidence(known, tracks.class_code, output, class_names)
+    if output.score_scale:
+        known = evidence_of(output.protocol, tracks, frames)
+        probability = confidence(known, tracks.class_code, output, class_names)
+    else:  # nothing can be judged
+        probability = np.full(len(tracks.track_id), np.nan)
     kept = kept & likely(tracks, probability, output.min_confidence)
-    return TrackedSequence(frames, tracks.take(kept), known.take(kept), probability[kept])
+    return TrackedSequence(frames, tracks.take(kept), score.track_score[kept], probability[kept])
 
 
 def likely(tracks: SequenceTracks, probability: FloatArray, least: float) -> NDArray[np.bool_]:
@@ -77,7 +76,7 @@ def likely(tracks: SequenceTracks, probability: FloatArray, least: float) -> NDA
 
 
 def _convincing(
-    known: Evidence | TrackScore, min_detections: int, least_score: FloatArray
+    known: TrackScore, min_detections: int, least_score: FloatArray
 ) -> NDArray[np.bool_]:
     return (known.detections >= min_detections) & (known.track_score >= least_score)
 
@@ -94,8 +93,10 @@ def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
     boxes = tracks.boxes.copy()
     _, track, count = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
     first = np.cumsum(count) - count
+    track = track.astype(np.min_scalar_type(len(count)))  # few bits are sorted in one pass
     for column in range(LENGTH, HEIGHT + 1):
-        ranked = boxes[np.lexsort((boxes[:, column], track)), column]
+        rising = boxes[:, column].argsort()
+        ranked = boxes[rising[track[rising].argsort(kind="stable")], column]
         median = 0.5 * (ranked[first + (count - 1) // 2] + ranked[first + count // 2])
         boxes[:, column] = median[track]
     return replace(tracks, boxes=boxes)

@@ -6,6 +6,7 @@ import numpy as np
 
 from hbbatch.packed import kernels
 from hbbatch.packed.room import Room
+from hbbatch.tracking.association import Pairs
 from hbbatch.tracking.frames import IntArray
 
 _FIRST, _SEQUENCE, _BLOCK, _PATIENCE, _AGE, _MISSES = range(6)
@@ -50,33 +51,35 @@ class RowTable:
         """`(n,)` consecutive steps without a detection."""
         return self._cells.row(_MISSES)
 
-    def settle(self, matched: IntArray, max_misses: int) -> tuple[IntArray, int]:
+    def settle(self, pairs: Pairs, max_misses: int) -> tuple[IntArray, IntArray, int]:
         """Count a step: all rows age, and all but the matched ones miss one.
 
         Args:
-            matched: rows, each once; from now on they bear `max_misses` of them.
-            max_misses: consecutive misses that end a track.
+            pairs: rows that are matched, each once, and their detections.
+            max_misses: consecutive misses that end a track, for matched rows from now on.
 
         Returns:
-            The order in which matched rows come first, as given, and those that die last; and how
-            many live on.
+            The order in which matched rows come first and those that die last; detections of the
+            matched rows in that order; how many rows live on.
         """
         if not kernels.AVAILABLE:
-            return self.settle_any(matched, max_misses)
-        order = np.empty(len(self), np.int64)
-        return order, kernels.settle(self._cells.whole, matched, order, len(self), max_misses)
+            return self.settle_any(pairs, max_misses)
+        order, detections = np.empty(len(self), np.int64), pairs.detection.copy()
+        cells = self._cells.whole
+        alive = kernels.settle(cells, pairs.track, detections, order, len(self), max_misses)
+        return order, detections, alive
 
-    def settle_any(self, matched: IntArray, max_misses: int) -> tuple[IntArray, int]:
+    def settle_any(self, pairs: Pairs, max_misses: int) -> tuple[IntArray, IntArray, int]:
         """`settle` in numpy."""
         misses, patience = self.misses, self._cells.row(_PATIENCE)
         self.age[:] += 1
         misses += 1
-        misses[matched] = 0
-        patience[matched] = max_misses
+        misses[pairs.track] = 0
+        patience[pairs.track] = max_misses
         (missed,) = misses.nonzero()
         lives = misses[missed] < patience[missed]
-        order = np.concatenate([matched, missed[lives], missed[~lives][::-1]])
-        return order, len(matched) + int(np.count_nonzero(lives))
+        order = np.concatenate([pairs.track, missed[lives], missed[~lives]])
+        return order, pairs.detection, len(pairs.track) + int(np.count_nonzero(lives))
 
     def arrange(self, order: IntArray) -> None:
         """Row `order[i]` becomes row i; rows not named are dropped."""

@@ -145,20 +145,20 @@ class TrackedSequence:
     Attributes:
         frames: what was given.
         tracks: the boxes to write.
-        evidence: what speaks for each box.
+        track_score: `(n,)` mean score of each box's track, online of its rows so far.
         confidence: `(n,)` probability of each box to be right, NaN where it was not judged.
         seconds: time spent on it in each stage.
     """
 
     frames: SequenceFrames
     tracks: SequenceTracks
-    evidence: Evidence
+    track_score: FloatArray
     confidence: FloatArray
     seconds: StageSeconds = field(default_factory=StageSeconds)
 
 
 def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
-    """The tracks as a table of `schema.TRACKS`, with boxes in both frames."""
+    """The tracks as a table of `schema.TRACKS`, texts coded, with boxes in both frames."""
     tracks, frames = done.tracks, done.frames
     frame = tracks.frame_index
     sensor_from_world = frames.rotation[frame].transpose(0, 2, 1)
@@ -171,14 +171,19 @@ def tracks_table(done: TrackedSequence, class_names: Sequence[str]) -> pa.Table:
         "frame_index": pa.array(frame.astype(np.int32)),
         "timestamp_ns": pa.array(frames.timestamp_ns[frame]),
         "track_id": pa.array(tracks.track_id),
-        "class_name": pa.array(np.array(class_names, dtype=object)[tracks.class_code], pa.string()),
-        "state": pa.array(np.array(STATE_NAMES, dtype=object)[tracks.state], pa.string()),
+        "class_name": _coded(tracks.class_code, class_names),
+        "state": _coded(tracks.state, STATE_NAMES),
         "score": pa.array(tracks.score, mask=np.isnan(tracks.score)),
-        "track_score": pa.array(done.evidence.track_score),
+        "track_score": pa.array(done.track_score),
         "confidence": pa.array(done.confidence, mask=np.isnan(done.confidence)),
         **{name: pa.array(tracks.boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"sensor_{name}": pa.array(sensor_boxes[:, i]) for i, name in enumerate(BOX_FIELDS)},
         **{f"velocity_{a}": pa.array(tracks.velocity_m_s[:, i]) for i, a in enumerate("xyz")},
         "detection_id": pa.array(detection_id, mask=~matched),
     }
-    return schema.conform(pa.table(columns), schema.TRACKS, f"tracks of {frames.sequence_id}")
+    coded = schema.coded(schema.TRACKS)
+    return schema.conform(pa.table(columns), coded, f"tracks of {frames.sequence_id}")
+
+
+def _coded(codes: NDArray[np.integer], names: Sequence[str]) -> pa.DictionaryArray:
+    return pa.DictionaryArray.from_arrays(codes.astype(np.int32), pa.array(names, pa.string()))

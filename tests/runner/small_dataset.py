@@ -20,7 +20,7 @@ from hbbatch.errors import WeightsError
 from hbbatch.runner.track import Engine
 from hbbatch.runner.worker import LoadedTracker
 from hbbatch.tracking.frames import SequenceFrames
-from hbbatch.tracking.tracks import Evidence, SequenceTracks, TrackedSequence
+from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence
 
 CAMERA = {
     "image_from_sensor": [[600.0, -700, 0, 0], [180.0, 0, -700, 0], [1.0, 0, 0, 0]],
@@ -122,12 +122,7 @@ class EchoTracker:
                 time.sleep(60)
         for frames in group:
             if frames.sequence_id != "forgotten":
-                yield TrackedSequence(frames, _echo(frames), _evidence(frames), frames.scores)
-
-
-def _evidence(frames: SequenceFrames) -> Evidence:
-    ones = np.ones(len(frames.scores))
-    return Evidence(frames.scores, frames.scores, frames.scores, ones, ones, ones, 0.0 * ones)
+                yield TrackedSequence(frames, _echo(frames), frames.scores, frames.scores)
 
 
 def _echo(frames: SequenceFrames) -> SequenceTracks:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from threading import Barrier
+from threading import Barrier, get_ident
+from typing import Any
 
 import pyarrow as pa
 import pytest
 
 from hbbatch import schema
 from hbbatch.config import TrackSettings
-from hbbatch.dataset import Dataset
+from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_json
 from hbbatch.runner import worker
 from hbbatch.runner.dealing import Group, SequenceJob
@@ -143,12 +144,30 @@ def test_a_sequence_is_written_while_another_one_waits_for_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     both = Barrier(2, timeout=30)
-    write = worker.write_table
+    remove = worker.remove_status
 
-    def slow(path: Path, table: pa.Table, expected: pa.Schema) -> None:
+    def slow(run: Run, sequence_id: str) -> None:
         both.wait()
-        write(path, table, expected)
+        remove(run, sequence_id)
 
-    monkeypatch.setattr(worker, "write_table", slow)
+    monkeypatch.setattr(worker, "remove_status", slow)
     found = outcomes(make_dataset(tmp_path, "a", "b"), "a", "b")
     assert [outcome.error for outcome in found.values()] == [None, None]
+
+
+def test_one_thread_encodes_and_it_is_not_the_one_that_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More would only take turns with it at the interpreter."""
+    threads = set()
+    encode = worker.tracks_table
+
+    def noted(*given: Any) -> pa.Table:
+        threads.add(get_ident())
+        return encode(*given)
+
+    monkeypatch.setattr(worker, "tracks_table", noted)
+    names = [f"s{number}" for number in range(12)]
+    outcomes(make_dataset(tmp_path, *names), *names)
+    assert len(threads) == 1
+    assert get_ident() not in threads

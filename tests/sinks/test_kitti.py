@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from hbbatch import schema
 from hbbatch.boxes import BOX_FIELDS, FloatArray, corners
 from hbbatch.projection import Camera
-from hbbatch.sinks.kitti import kitti_result, kitti_type
+from hbbatch.sinks.kitti import _Lines, kitti_result, kitti_type
 
 CAMERA = Camera(np.array([[600.0, -700, 0, 0], [180.0, 0, -700, 0], [1.0, 0, 0, 0]]), 1242, 375)
 """At the sensor's origin, looking along its x axis."""
@@ -58,7 +59,7 @@ def test_a_line_holds_the_eighteen_columns_of_the_format() -> None:
 
 def test_pixels_are_those_of_the_projected_box() -> None:
     (line,) = lines(kitti_result(tracks(AHEAD), CAMERA))
-    expected = CAMERA.outlines(np.array([AHEAD]), np.array(["car"]))[0]
+    expected = CAMERA.outlines(np.array([AHEAD]), np.zeros(1, int), ["car"])[0]
     assert np.allclose([float(value) for value in line[6:10]], expected, atol=1e-4)
 
 
@@ -140,3 +141,46 @@ def test_the_box_is_where_kitti_puts_it_and_angles_are_wrapped(box: tuple[float,
     assert np.linalg.norm((written[0] + written[1]) / 2 - front) < 5e-3, "heading, not its opposite"
     assert -3.1416 <= float(line[5]) <= 3.1416
     assert -3.1416 <= float(line[16]) <= 3.1416
+
+
+NUMBERS = st.floats(-1e9, 1e9, exclude_min=True, exclude_max=True)
+ROUND_ONES = st.builds(lambda units, by: units / by, st.integers(-(10**6), 10**6), st.just(1e4))
+TIES = st.builds(lambda units: (units + 0.5) / 1e4, st.integers(-(10**6), 10**6))
+
+
+def rows(values: list[float]) -> _Lines:
+    """A line a value, of three classes."""
+    number = np.arange(len(values))
+    kinds = ["Car", "Person_sitting", "Vélo"]
+    return _Lines(number, 10**number, number % 3, kinds, np.array([values, values[::-1]]))
+
+
+@given(st.lists(NUMBERS | ROUND_ONES | TIES, min_size=1, max_size=18))
+def test_compiled_text_is_that_of_arrow(kernels: ModuleType, values: list[float]) -> None:
+    assert rows(values).compiled() == rows(values).text()
+
+
+@pytest.mark.parametrize("value", [1e9, -1e9, 1e300, np.inf, -np.inf, np.nan])
+def test_what_the_kernel_cannot_write_is_left_to_arrow(kernels: ModuleType, value: float) -> None:
+    assert rows([1.0, value]).compiled() == b""
+    (line, *_) = lines(kitti_result(tracks(AHEAD, track_score=value), CAMERA))
+    assert float(line[17]) == pytest.approx(value, nan_ok=True)
+
+
+def test_what_does_not_fit_is_refused(kernels: ModuleType) -> None:
+    number, values = np.arange(3), np.ones((2, 3))
+    right = [number, number, number, b"abc", np.arange(4), values, np.empty(300, np.uint8)]
+    assert kernels.lines(*right) > 0
+    wrong = {
+        0: [np.arange(2), number.astype(float)],
+        1: [np.arange(4)],
+        2: [number + 1, number - 1, np.full(3, 2**62)],
+        3: [b"ab", "abc", np.arange(3)],
+        4: [np.arange(3), np.array([0, 2, 1, 3]), np.array([-1, 1, 2, 3]), np.empty(0, int)],
+        5: [np.ones((2, 4)), np.ones(3), np.ones((2, 3), np.float32)],
+        6: [np.empty(200, np.uint8), bytes(300)],
+    }
+    for place, several in wrong.items():
+        for value in several:
+            with pytest.raises((ValueError, TypeError, BufferError)):
+                kernels.lines(*right[:place], value, *right[place + 1 :])

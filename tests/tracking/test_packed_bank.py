@@ -10,6 +10,7 @@ import pytest
 
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights_files import open_weights
+from hbbatch.tracking.association import Pairs
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.packed_bank import packed_banks
@@ -71,23 +72,30 @@ def test_and_so_they_do_on_real_drives(test_data: Path, name: str) -> None:
 
 
 def test_rows_settle_alike_compiled_or_not() -> None:
+    """Who is matched, lives on or dies is the same; in which order is the compiled one's choice."""
     rng = np.random.default_rng(0)
     tables = RowTable(), RowTable()
     for step in range(60):
         born = np.arange(10 * step, 10 * step + rng.integers(0, 10))
         for table in tables:
             table.append(born, born % 3, born % 5, 5)
-        count = len(tables[0])
-        matched = rng.permutation(count)[: rng.integers(0, count // 2 + 1)]
-        (order, alive), (expected, expected_alive) = (
-            tables[0].settle(matched, 9),
-            tables[1].settle_any(matched, 9),
-        )
-        assert order.tolist() == expected.tolist()
+        names = tables[0].first.tolist()
+        lookup = {first: row for row, first in enumerate(tables[1].first.tolist())}
+        matched = rng.permutation(len(tables[0]))[: rng.integers(0, len(tables[0]) // 2 + 1)]
+        pairs = Pairs(matched, 1000 + matched)
+        others = np.array([lookup[names[row]] for row in matched], np.int64)
+        order, detections, alive = tables[0].settle(pairs, 9)
+        expected, same, expected_alive = tables[1].settle_any(Pairs(others, pairs.detection), 9)
         assert alive == expected_alive
-        for table in tables:
-            table.arrange(order)
+        assert sorted(order.tolist()) == list(range(len(order)))
+        assert (detections == 1000 + order[: len(matched)]).all()
+        assert (same == pairs.detection).all()
+        in_place = int(np.count_nonzero(order == np.arange(len(order))))
+        assert in_place >= len(order) - 2 * (len(matched) + len(order) - alive)
+        for table, by in zip(tables, (order, expected), strict=True):
+            table.arrange(by)
             table.truncate(alive)
         for name in ("first", "sequence", "block", "age", "misses"):
-            assert getattr(tables[0], name).tolist() == getattr(tables[1], name).tolist()
+            found, wanted = (getattr(table, name)[table.first.argsort()] for table in tables)
+            assert found.tolist() == wanted.tolist()
     assert len(tables[0]) > 20

@@ -80,7 +80,7 @@ def test_short_and_low_scored_tracks_are_left_out() -> None:
     assert set(kept.track_id) == {1}
     done = refine(given, frames, OutputSettings(min_track_score=0.5), ["car"])
     assert set(done.tracks.track_id) == {1, 3}
-    assert done.evidence.track_score.tolist() == [0.5, 0.5, 2.0]
+    assert done.track_score.tolist() == [0.5, 0.5, 2.0]
 
 
 def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:

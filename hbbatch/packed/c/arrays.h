@@ -31,8 +31,8 @@ void *refuse(const char *why);
 void release(Array *arrays, int count);
 
 /* The arrays that a call begins with: `kinds` has a type and a number of dimensions for each, as
- * "d2l1"; types in upper case are written to, l are 64-bit integers. `scalars` more arguments must
- * follow. How many arrays there are, to be released; -1 with an exception set. */
+ * "d2l1"; types in upper case are written to, l are 64-bit integers, b bytes. `scalars` more
+ * arguments must follow. How many arrays there are, to be released; -1 with an exception set. */
 int take(Array *arrays, PyObject *const *given, Py_ssize_t count, const char *kinds, int scalars);
 
 /* Whether all indices lie in [0, limit). */
@@ -40,7 +40,7 @@ int within(const Array *indices, Py_ssize_t limit);
 
 /* What the module offers. */
 typedef PyObject *Kernel(PyObject *module, PyObject *const *given, Py_ssize_t count);
-Kernel match, settle, gather, say, birth, predict_features, predict, update_features, update;
-Kernel rectify, reset_memory, mix_memory;
+Kernel match, settle, arrange, say, birth, predict_features, predict, update_features, update;
+Kernel rectify, reset_memory, mix_memory, lines;
 
 #endif

@@ -14,13 +14,13 @@ void release(Array *arrays, int count) {
 }
 
 /* Whether a buffer holds numbers of a kind: d and f as they are, l for 64-bit integers, x for any
- * of these. */
+ * of these; b for bytes. */
 static int holds(const Py_buffer *view, char kind) {
     const char *format = view->format ? view->format : "B";
     if (strlen(format) != 1) return 0;
     if (kind == 'l') return (*format == 'l' || *format == 'q') && view->itemsize == 8;
     if (kind == 'x') return *format == 'd' || *format == 'f' || holds(view, 'l');
-    return *format == kind;
+    return *format == (kind == 'b' ? 'B' : kind);
 }
 
 int take(Array *arrays, PyObject *const *given, Py_ssize_t count, const char *kinds,
@@ -54,7 +54,7 @@ int within(const Array *indices, Py_ssize_t limit) {
 static PyMethodDef methods[] = {
     METHOD(match),
     METHOD(settle),
-    METHOD(gather),
+    METHOD(arrange),
     METHOD(say),
     METHOD(birth),
     METHOD(predict_features),
@@ -64,6 +64,7 @@ static PyMethodDef methods[] = {
     METHOD(rectify),
     METHOD(reset_memory),
     METHOD(mix_memory),
+    METHOD(lines),
     {NULL, NULL, 0, NULL},
 };
 

@@ -4,57 +4,89 @@
 /* Rows of the table of tracks (tracking.rows). */
 enum { PATIENCE = 3, AGE, MISSES, CELL_ROWS };
 
-/* settle(cells, matched, order, count, patience) -> how many live on; tracking.rows.settle_any. */
+/* Rows that were matched first, those that live on next, dying ones last; a row stays where it is as
+ * far as that allows, for moving it costs more than all else. How many live on. */
+static Py_ssize_t sort_out(const int64_t *misses, const int64_t *patience, Py_ssize_t matched,
+                           Py_ssize_t n, int64_t *order) {
+    Py_ssize_t from = matched, last = n;
+    for (Py_ssize_t i = 0; i < n; i++) order[i] = i;
+    for (Py_ssize_t i = 0; i < matched; i++) {
+        if (!misses[i]) continue;
+        while (misses[from]) from++;
+        order[i] = from, order[from++] = i;
+    }
+    while (matched < last) {
+        int64_t row = order[matched];
+        if (misses[row] < patience[row]) matched++;
+        else order[matched] = order[--last], order[last] = row;
+    }
+    return matched;
+}
+
+/* settle(cells, matched, detections, order, count, patience) -> how many live on; detections are
+ * put in the order of their rows; tracking.rows.settle_any. */
 PyObject *settle(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "L2l1L1", 2);
+    int taken = take(a, given, count, "L2l1L1L1", 2);
     if (taken < 0) return NULL;
-    Py_ssize_t n = PyNumber_AsSsize_t(given[3], PyExc_OverflowError), wide = a[0].columns;
-    Py_ssize_t max_misses = PyNumber_AsSsize_t(given[4], PyExc_OverflowError);
-    Py_ssize_t matched = a[1].columns, alive = matched, dying = n;
+    Py_ssize_t n = PyNumber_AsSsize_t(given[4], PyExc_OverflowError), wide = a[0].columns;
+    Py_ssize_t max_misses = PyNumber_AsSsize_t(given[5], PyExc_OverflowError);
+    Py_ssize_t matched = a[1].columns, alive = 0, missed = 0;
     if (PyErr_Occurred()) return release(a, taken), NULL;
-    if (a[0].rows != CELL_ROWS || n < 0 || n > wide || matched > n || a[2].columns != n ||
-        !within(a + 1, n))
+    if (a[0].rows != CELL_ROWS || n < 0 || n > wide || matched > n || a[2].columns != matched ||
+        a[3].columns != n || !within(a + 1, n))
         return release(a, taken), refuse("settle: shapes do not agree");
     int64_t *patience = (int64_t *)a[0].view.buf + PATIENCE * wide, *age = patience + wide;
-    int64_t *misses = age + wide, *order = a[2].view.buf;
+    int64_t *misses = age + wide, *detections = a[2].view.buf, *order = a[3].view.buf;
     const int64_t *rows = a[1].view.buf;
+    int64_t *matched_by = PyMem_Calloc((size_t)n + 1, sizeof(int64_t));
+    if (!matched_by) return release(a, taken), PyErr_NoMemory();
     for (Py_ssize_t i = 0; i < n; i++) age[i]++, misses[i]++;
     for (Py_ssize_t k = 0; k < matched; k++) {
         misses[rows[k]] = 0, patience[rows[k]] = max_misses;
-        order[k] = rows[k];
+        matched_by[rows[k]] = detections[k];
     }
-    /* Coasting rows follow on the matched ones; dying ones lie at the end, the last one first. */
-    Py_ssize_t missed = 0;
     for (Py_ssize_t i = 0; i < n; i++) missed += misses[i] != 0;
-    if (missed != n - matched) return release(a, taken), refuse("settle: a row is matched twice");
-    for (Py_ssize_t i = 0; i < n; i++)
-        if (misses[i]) order[misses[i] < patience[i] ? alive++ : --dying] = i;
+    if (missed == n - matched) {
+        alive = sort_out(misses, patience, matched, n, order);
+        for (Py_ssize_t i = 0; i < matched; i++) detections[i] = matched_by[order[i]];
+    } else {
+        refuse("settle: a row is matched twice");
+    }
+    PyMem_Free(matched_by);
     release(a, taken);
-    return PyLong_FromSsize_t(alive);
+    return PyErr_Occurred() ? NULL : PyLong_FromSsize_t(alive);
 }
 
-/* gather(source, order, target): column order[i] becomes column i; numbers of 4 or 8 bytes. */
-PyObject *gather(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+/* Of a row of numbers, take those at `from` to the places `to`; `spare` has room for them. */
+#define MOVE(type)                                                                \
+    do {                                                                          \
+        type *row = (type *)a[0].view.buf + number * wide, *spare = (type *)room; \
+        for (Py_ssize_t k = 0; k < moved; k++) spare[k] = row[from[k]];           \
+        for (Py_ssize_t k = 0; k < moved; k++) row[to[k]] = spare[k];             \
+    } while (0)
+
+/* arrange(matrix, order): column order[i] becomes column i; numbers of 4 or 8 bytes. */
+PyObject *arrange(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "x2l1X2", 0);
+    int taken = take(a, given, count, "X2l1", 0);
     if (taken < 0) return NULL;
-    Py_ssize_t size = a[0].view.itemsize, from = a[0].columns, to = a[2].columns, n = a[1].columns;
-    if (a[0].rows != a[2].rows || size != a[2].view.itemsize || n > to || !within(a + 1, from))
-        return release(a, taken), refuse("gather: shapes do not agree");
+    Py_ssize_t wide = a[0].columns, n = a[1].columns, moved = 0;
+    if (n > wide || !within(a + 1, wide))
+        return release(a, taken), refuse("arrange: shapes do not agree");
     const int64_t *order = a[1].view.buf;
-    for (Py_ssize_t row = 0; row < a[0].rows; row++)
-        if (size == 8) {
-            const uint64_t *source = (const uint64_t *)a[0].view.buf + row * from;
-            uint64_t *target = (uint64_t *)a[2].view.buf + row * to;
-            for (Py_ssize_t i = 0; i < n; i++) target[i] = source[order[i]];
-        } else {
-            const uint32_t *source = (const uint32_t *)a[0].view.buf + row * from;
-            uint32_t *target = (uint32_t *)a[2].view.buf + row * to;
-            for (Py_ssize_t i = 0; i < n; i++) target[i] = source[order[i]];
-        }
+    int64_t *room = PyMem_Malloc(3 * sizeof(int64_t) * (size_t)(n + 1));
+    if (!room) return release(a, taken), PyErr_NoMemory();
+    int64_t *from = room + n, *to = from + n;
+    for (Py_ssize_t i = 0; i < n; i++)
+        if (order[i] != i) from[moved] = order[i], to[moved++] = i;
+    for (Py_ssize_t number = 0; moved && number < a[0].rows; number++) {
+        if (a[0].view.itemsize == 8) MOVE(uint64_t);
+        else MOVE(uint32_t);
+    }
+    PyMem_Free(room);
     release(a, taken);
     Py_RETURN_NONE;
 }
