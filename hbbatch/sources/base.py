@@ -382,8 +382,8 @@ def source_errors(path: Path) -> Iterator[None]:
 
 
 def no_image_boxes(count: int) -> FloatArray:
-    """Image boxes of detections that have none."""
-    return np.full((count, 4), np.nan)
+    """Image boxes of detections that have none; one number, seen from everywhere."""
+    return np.broadcast_to(np.nan, (count, 4))
 
 
 def flat_boxes(boxes: FloatArray) -> NDArray[np.bool_]:
