@@ -14,14 +14,17 @@
 enum { ALIGN, TAKE, TEXT, NUMBERS, REPEAT };
 enum { WHAT, AHEAD, FIRST, SECOND, THIRD, WORDS };
 enum { I1, U1, I2, U2, I4, U4, I8, F4, F8, TYPES }; /* cdr_steps.TYPES */
-enum { LENGTH = 4, HEAD = 4, DEEPEST = 32, REMEMBERED = 256 };
+enum { LENGTH = 4, HEAD = 4, DEEPEST = 32, REMEMBERED = 1024 };
 
 static const int64_t SIZES[TYPES] = {1, 1, 2, 2, 4, 4, 8, 4, 8};
 static const int64_t FARTHEST = INT64_C(1) << 40;
 
-/* A text met before, and its code in a vocabulary. */
+/* A text met before, and its code in a vocabulary. Its first and last letters tell all of it, unless
+ * it is longer than both together. */
+enum { TOLD = 16 };
 typedef struct {
     const uint8_t *letters;
+    uint64_t first, last;
     int64_t length, vocabulary, code;
 } Known;
 
@@ -92,17 +95,26 @@ static int64_t look_up(const Walk *w, int64_t vocabulary, const uint8_t *letters
     return code;
 }
 
+/* The first eight letters, or all where there are less. */
+static uint64_t first_of(const uint8_t *letters, int64_t length) {
+    if (length >= 8) return long_word(letters);
+    if (length >= 4) return word(letters) | (uint64_t)word(letters + length - 4) << 32;
+    uint64_t all = 0;
+    for (int64_t i = 0; i < length; i++) all = all << 8 | letters[i];
+    return all;
+}
+
 static int64_t code_of(Walk *w, int64_t vocabulary, const uint8_t *letters, int64_t length) {
-    uint64_t head = 0, tail = 0;
-    memcpy(&head, letters, (size_t)LEAST(length, 8));
-    memcpy(&tail, letters + MOST(length - 8, 0), (size_t)LEAST(length, 8));
-    uint64_t mixed = (head * 31 + tail + (uint64_t)(length + 7 * vocabulary)) * 0x9E3779B97F4A7C15;
-    Known *known = &w->known[mixed >> 56];
-    if (known->letters && known->length == length && known->vocabulary == vocabulary &&
-        !memcmp(known->letters, letters, (size_t)length))
+    uint64_t first = first_of(letters, length);
+    uint64_t last = length > 8 ? long_word(letters + length - 8) : 0;
+    uint64_t mixed = (first * 31 + last + (uint64_t)(length + 7 * vocabulary)) * 0x9E3779B97F4A7C15;
+    Known *known = &w->known[mixed >> 54];
+    if (known->letters && known->first == first && known->last == last &&
+        known->length == length && known->vocabulary == vocabulary &&
+        (length <= TOLD || !memcmp(known->letters, letters, (size_t)length)))
         return known->code;
     int64_t code = look_up(w, vocabulary, letters, length);
-    if (code >= 0) *known = (Known){letters, length, vocabulary, code};
+    if (code >= 0) *known = (Known){letters, first, last, length, vocabulary, code};
     return code;
 }
 
