@@ -327,6 +327,11 @@ class Description:
             return 0.0
         return (self.end_ns - self.start_ns) / 1e9
 
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages a second between the first and the last, None with less than two."""
+        return (self.messages - 1) / self.duration_s if self.duration_s > 0 else None
+
 
 class Source(Protocol):
     """A log or folder that holds sequences."""

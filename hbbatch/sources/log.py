@@ -41,6 +41,7 @@ from hbbatch.sources.rosbag2 import log_stem
 from hbbatch.sources.transforms import EXTRAPOLATION_NS
 
 _LISTED_TOPICS: Final = 20
+_LISTED_SEQUENCES: Final = 4
 _USES: Final = (
     "topics",
     "world_frame",
@@ -91,14 +92,14 @@ class LogSource:
         return self._sequences(self.log.channels(findings), findings)
 
     def describe(self) -> Description:
-        """What the log holds; all of it is read."""
+        """What the log holds, and what ingest would make of it; all of it is read."""
         description, channels = describe(self.log, self.options)
         try:
-            names = [s.sequence_id for s in self._sequences(channels, description.findings)]
+            sequences = self._sequences(channels, description.findings)
         except SourceError as error:
             return replace(description, would=f"refuse: {error}")
-        topics = ", ".join(_offered(channels, self.options))
-        return replace(description, would=f"ingest {topics} as {', '.join(names)}")
+        would = [sequence.would(description.findings) for sequence in sequences]
+        return replace(description, would="; ".join(would))
 
     def _sequences(self, channels: Sequence[Channel], findings: Findings) -> list[LogSequence]:
         topics = self._chosen(channels, findings)
@@ -171,6 +172,19 @@ class LogSequence:
         )
         return hashlib.sha256(f"{self.log.fingerprint()} {concerned!r}".encode()).hexdigest()
 
+    def would(self, findings: Findings) -> str:
+        """What ingest would do, found by reading; problems that are new go to the findings."""
+        try:
+            readings = self.read()
+        except SourceError as error:
+            return f"fail: {error}"
+        for reading in readings:
+            findings.partial |= reading.findings.partial
+            findings.problems += [
+                problem for problem in reading.findings.problems if problem not in findings.problems
+            ]
+        return f"ingest {self.topic} as {_named(readings)}"
+
     def read(self) -> list[SequenceReading]:
         """Read the log; the findings are complete at once."""
         findings = Findings()
@@ -219,6 +233,14 @@ class LogSequence:
             )
             for name, part in zip(names, parts, strict=True)
         ]
+
+
+def _named(readings: Sequence[SequenceReading]) -> str:
+    """Names of sequences, of many the first and last."""
+    names = [reading.sequence_id for reading in readings]
+    if len(names) <= _LISTED_SEQUENCES:
+        return ", ".join(names)
+    return f"{names[0]} to {names[-1]}, {len(names)} sequences"
 
 
 @dataclass(frozen=True)
