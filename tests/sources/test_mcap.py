@@ -269,7 +269,7 @@ def test_truncated_file_gives_what_is_whole(tmp_path: Path) -> None:
     # The count that a file declares lies at its end.
     read_count = reading.findings.messages_read
     assert counts == f"{read_count} messages were read; how many there were is not known"
-    assert read_count > len(frames)
+    assert read_count >= len(frames)
 
 
 def test_error_of_a_truncated_file_names_the_damage(tmp_path: Path) -> None:
