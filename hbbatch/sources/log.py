@@ -147,7 +147,11 @@ def _listing(channels: Sequence[Channel]) -> str:
 
 def _damage(findings: Findings) -> str:
     """What was lost of the file, a sentence to put behind an error that may come from it."""
-    return f" Damage: {'; '.join(findings.problems)}." if findings.partial else ""
+    return f" Damage: {_joined(findings.problems)}." if findings.partial else ""
+
+
+def _joined(problems: Sequence[str]) -> str:
+    return "; ".join(problem.removesuffix(".") for problem in problems)
 
 
 @dataclass(frozen=True)
@@ -193,10 +197,8 @@ class LogSequence:
             scan.take(block)
         scan.finish(findings)
         if not len(scan.store):
-            raise SourceError(
-                f"{self.log.path}: no message on {self.topic} can be read.{_damage(findings)} "
-                f"{_reasons(findings)}Check the recording."
-            )
+            why = _joined(findings.problems) or "there is none"
+            raise SourceError(f"{self.log.path}: no message on {self.topic} can be read: {why}.")
         order, stamps_ns = scan.store.order()
         frames = scan.store.frame_ids(order)
         try:
@@ -251,10 +253,6 @@ class _Kept:
     stamps_ns: IntArray
     frames: Names
     poses: Poses
-
-
-def _reasons(findings: Findings) -> str:
-    return "" if findings.partial else "".join(f"{problem}. " for problem in findings.problems)
 
 
 def _frame_poses(
