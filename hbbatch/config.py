@@ -298,7 +298,8 @@ def _fault(model: type[BaseModel], fault: ErrorDetails) -> str:
     if fault["type"] != "extra_forbidden":
         return fault["msg"].removeprefix("Value error, ")
     known = _settings_at(model, fault["loc"][:-1]).model_fields
-    return f"unknown setting; known are {', '.join(known)}"
+    names = [field.alias or name for name, field in known.items()]
+    return f"unknown setting; known are {', '.join(names)}"
 
 
 def _settings_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel]:

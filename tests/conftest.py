@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from hypothesis import settings
-
-from hbbatch.packed.kernels import AVAILABLE
 
 # CI judges a change, not its luck: there the examples are always the same ones.
 settings.register_profile("ci", derandomize=True)
@@ -31,12 +30,23 @@ def test_data() -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def kernels() -> ModuleType:
-    """The compiled kernels; needed in CI, elsewhere tests of them are skipped without."""
-    if not AVAILABLE:
-        message = "the kernels are not compiled; install with a C compiler"
+def compiled(name: str) -> ModuleType:
+    """An extension; needed in CI, elsewhere tests of it are skipped without."""
+    if find_spec(name) is None:
+        message = f"{name} is not compiled; install with a C compiler"
         if os.environ.get("CI"):
             pytest.fail(message)
         pytest.skip(message)
-    return import_module("hbbatch.packed._kernels")
+    return import_module(name)
+
+
+@pytest.fixture(scope="session")
+def kernels() -> ModuleType:
+    """What a lock step does, compiled."""
+    return compiled("hbbatch.packed._kernels")
+
+
+@pytest.fixture(scope="session")
+def cdr() -> ModuleType:
+    """The walk over CDR messages, compiled."""
+    return compiled("hbbatch.sources._cdr")

@@ -70,9 +70,10 @@ def _print_description(description: Description) -> None:
     findings = description.findings
     declared = findings.messages_expected
     of = "" if declared in (None, description.messages) else f" of {declared} declared"
+    rate = "" if description.rate_hz is None else f", {description.rate_hz:.1f} Hz"
     lines = [
         ("format", " ".join(filter(None, (description.format_name, description.profile)))),
-        ("messages", f"{description.messages}{of} in {description.duration_s:.1f} s"),
+        ("messages", f"{description.messages}{of} in {description.duration_s:.1f} s{rate}"),
         ("frames", ", ".join(description.frames) or "no transforms"),
         ("ingest would", description.would),
         *(("problem", problem) for problem in findings.problems),

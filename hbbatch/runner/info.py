@@ -60,6 +60,7 @@ def _plain(description: Description) -> dict[str, Any]:
         "start_ns": description.start_ns,
         "end_ns": description.end_ns,
         "duration_s": description.duration_s,
+        "rate_hz": description.rate_hz,
         "messages": description.messages,
         "messages_expected": findings.messages_expected,
         "topics": [asdict(topic) for topic in description.topics],

@@ -31,6 +31,7 @@ _DECIDES_RESULTS: Final = (
     "motion/*.py",
     "packed/*.py",
     "packed/c/*.[ch]",
+    "c/*.[ch]",
     "boxes.py",
     "overlap.py",
     "projection.py",

@@ -327,6 +327,11 @@ class Description:
             return 0.0
         return (self.end_ns - self.start_ns) / 1e9
 
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages a second between the first and the last, None with less than two."""
+        return (self.messages - 1) / self.duration_s if self.duration_s > 0 else None
+
 
 class Source(Protocol):
     """A log or folder that holds sequences."""
@@ -382,8 +387,8 @@ def source_errors(path: Path) -> Iterator[None]:
 
 
 def no_image_boxes(count: int) -> FloatArray:
-    """Image boxes of detections that have none."""
-    return np.full((count, 4), np.nan)
+    """Image boxes of detections that have none; one number, seen from everywhere."""
+    return np.broadcast_to(np.nan, (count, 4))
 
 
 def flat_boxes(boxes: FloatArray) -> NDArray[np.bool_]:

@@ -41,7 +41,8 @@ class ChannelReader(Generic[_One, _Many]):
         walks: by type, what makes the direct walk for a definition.
         problem: why messages that were met cannot be decoded.
         note: what a user should know of how they are decoded.
-        undecodable: messages that did not fit their definition.
+        undecodable: messages that did not fit their definition, or their mapping file.
+        reason: what was wrong with the first of them.
     """
 
     channel: Channel
@@ -52,6 +53,7 @@ class ChannelReader(Generic[_One, _Many]):
     problem: str = ""
     note: str = ""
     undecodable: int = 0
+    reason: str = ""
 
     def read(self, messages: Payloads) -> tuple[_Many, IntArray] | None:
         """What messages say, and which of them could be read; None when none could."""
@@ -70,8 +72,9 @@ class ChannelReader(Generic[_One, _Many]):
             try:
                 said.append(self.read_one(decode(data)))
                 kept.append(row)
-            except UNDECODABLE:
+            except UNDECODABLE as error:
                 self.undecodable += 1
+                self.reason = self.reason or str(error) or type(error).__name__
         return (self.join(said), np.array(kept, dtype=np.int64)) if said else None
 
     @cached_property

@@ -12,33 +12,21 @@ import numpy as np
 from hbbatch.sources.base import Findings, IntArray
 from hbbatch.sources.channels import Channel, RawMessage, Wanted
 
-PADDING: Final = 512
-"""Bytes that a buffer has behind its last message, so that readers may look past a message."""
-
 _BLOCK_MESSAGES: Final = 4096
 _BLOCK_BYTES: Final = 8 * 2**20
 
 
-def everywhere(data: bytes | memoryview, kind: np.dtype[Any], ahead: int = 0) -> Any:
-    """A value at every place of a buffer, aligned or not, some bytes behind it.
+def gather(data: bytes | memoryview, places: IntArray, kind: np.dtype[Any]) -> Any:
+    """Values that lie at any places of a buffer, aligned or not, `(n,)`.
 
-    The values are bytes of no type, which are copied as they are: much faster than numbers.
-    """
-    shape = (max(len(data) - ahead - kind.itemsize + 1, 0),)
-    return np.ndarray(
-        shape, f"V{kind.itemsize}", data, offset=ahead if shape[0] else 0, strides=(1,)
-    )
-
-
-def gather(data: bytes | memoryview, places: IntArray, kind: np.dtype[Any], ahead: int = 0) -> Any:
-    """Values that lie some bytes behind any places of a buffer, `(n,)`.
+    They are copied as bytes of no type, which is much faster than as numbers.
 
     Raises:
         IndexError: one reaches beyond the buffer.
     """
-    if not len(places):
-        return np.zeros(0, dtype=kind)
-    return everywhere(data, kind, ahead)[places].view(kind)
+    shape = (max(len(data) - kind.itemsize + 1, 0),)
+    everywhere = np.ndarray(shape, f"V{kind.itemsize}", data, strides=(1,))
+    return everywhere[places].view(kind)
 
 
 @dataclass(frozen=True)
@@ -46,7 +34,7 @@ class Payloads:
     """The bytes of m messages.
 
     Attributes:
-        buffer: holds them all, and at least `PADDING` bytes more.
+        buffer: holds them all.
         starts: `(m,)` where each begins.
         ends: `(m,)` where each ends.
     """
@@ -60,7 +48,7 @@ class Payloads:
         """From messages that lie apart."""
         sizes = np.array([len(message) for message in messages], dtype=np.int64)
         ends = np.cumsum(sizes)
-        return cls(b"".join([*messages, bytes(PADDING)]), ends - sizes, ends)
+        return cls(b"".join(messages), ends - sizes, ends)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -216,7 +204,7 @@ class BlockBuilder:
             ends = np.cumsum(sizes)
             starts = ends - sizes
         first, self._used = self._used, self._used + len(piece)
-        needed = max(self._used, self._capacity) + PADDING
+        needed = max(self._used, self._capacity)
         if len(self._buffer) < needed:
             former, self._buffer = self._buffer, _unset(needed)
             self._buffer[:first] = former[:first]
@@ -229,5 +217,5 @@ class BlockBuilder:
             starts, ends, codes, log_time_ns = map(np.concatenate, zip(*self._parts, strict=True))
             self._parts, self._used = [], 0
             yield Block(channels, codes, log_time_ns, Payloads(self._buffer, starts, ends))
-            if len(self._buffer) > self._capacity + PADDING:
+            if len(self._buffer) > self._capacity:
                 self._buffer = _unset(0)

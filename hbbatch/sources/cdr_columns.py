@@ -17,7 +17,7 @@ from hbbatch.sources.base import IntArray, Names
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_steps import WalkRefusedError
 from hbbatch.sources.cdr_walk import CdrWalk, Columns
-from hbbatch.sources.columns import DetectionColumns, TransformColumns, from_samples
+from hbbatch.sources.columns import DetectionColumns, TransformColumns
 from hbbatch.sources.messages.autoware import label_name
 from hbbatch.sources.messages.base import quaternion_yaw
 
@@ -60,15 +60,13 @@ def detection_3d_array(store: Typestore, kind: str) -> ReadDetectionColumns:
         columns = walk.read(messages)
         counts = columns.counts["detections"]
         frames = columns.texts[_FRAME]
-        total = int(counts.sum())
-        if total:
-            _refuse_other_frames(frames, columns.texts[inner], counts)
-        scores, names = _best(columns, score, name, f"{one}.results", total)
+        _refuse_other_frames(frames, columns.texts[inner], counts)
+        scores, names = _best(columns, score, name, f"{one}.results")
         return DetectionColumns(
             stamp_ns=_stamps(columns, _STAMP),
             frame_ids=frames,
             box_counts=counts,
-            boxes=_boxes(columns, pose, size, total),
+            boxes=_boxes(columns, pose, size),
             scores=scores,
             class_names=names,
         )
@@ -93,19 +91,16 @@ def autoware_objects(store: Typestore, kind: str) -> ReadDetectionColumns:
 
     def read(messages: Payloads) -> DetectionColumns:
         columns = walk.read(messages)
-        counts = columns.counts["objects"]
-        total = int(counts.sum())
-        if total and (columns.numbers[shape] == _POLYGON).any():
+        if (columns.numbers[shape] == _POLYGON).any():
             raise WalkRefusedError("a polygon")
-        labels, codes = _best_labels(columns, score, label, f"{one}.classification", total)
         return DetectionColumns(
             stamp_ns=_stamps(columns, _STAMP),
             frame_ids=columns.texts[_FRAME],
-            box_counts=counts,
-            boxes=_boxes(columns, pose, size, total),
-            scores=columns.numbers[existence].astype(np.float64) if total else np.zeros(0),
-            class_names=Names(codes, labels),
-            unsure_yaws=int((columns.numbers[available] != _AVAILABLE).sum()) if total else 0,
+            box_counts=columns.counts["objects"],
+            boxes=_boxes(columns, pose, size),
+            scores=columns.numbers[existence],
+            class_names=_best_labels(columns, score, label, f"{one}.classification"),
+            unsure_yaws=int((columns.numbers[available] != _AVAILABLE).sum()),
         )
 
     return read
@@ -125,10 +120,7 @@ def tf_message(store: Typestore, kind: str) -> ReadTransformColumns:
 
     def read(messages: Payloads) -> TransformColumns:
         columns = walk.read(messages)
-        counts = columns.counts["transforms"]
-        if not counts.any():
-            return from_samples([[] for _ in messages])
-        return _transforms(columns, counts, stamp, values, parent, child)
+        return _transforms(columns, columns.counts["transforms"], stamp, values, parent, child)
 
     return read
 
@@ -150,14 +142,12 @@ def odometry(store: Typestore, kind: str) -> ReadTransformColumns:
 
 
 def _stamps(columns: Columns, paths: Sequence[str]) -> IntArray:
-    seconds, nanoseconds = (columns.numbers[path].astype(np.int64) for path in paths)
+    seconds, nanoseconds = (columns.numbers[path] for path in paths)
     total = seconds * 1_000_000_000 + nanoseconds
     return np.where(total >= 0, total, 0)
 
 
-def _boxes(columns: Columns, pose: list[str], size: list[str], total: int) -> FloatArray:
-    if not total:
-        return np.zeros((0, 7))
+def _boxes(columns: Columns, pose: list[str], size: list[str]) -> FloatArray:
     # The last column is a place for the yaw.
     boxes = columns.stack([*pose[:3], *size, pose[3]])
     boxes[:, YAW] = quaternion_yaw(columns.stack(pose[3:]))
@@ -166,7 +156,7 @@ def _boxes(columns: Columns, pose: list[str], size: list[str], total: int) -> Fl
 
 def _refuse_other_frames(frames: Names, inner: Names, counts: IntArray) -> None:
     """Refuse messages without frame, and objects that name another one than their message."""
-    if inner.vocabulary == ("",):
+    if set(inner.vocabulary) <= {""}:
         return
     numbers = {name: number for number, name in enumerate(frames.vocabulary)}
     table = np.array([numbers.get(name, -1) for name in inner.vocabulary], dtype=np.int64)
@@ -177,43 +167,33 @@ def _refuse_other_frames(frames: Names, inner: Names, counts: IntArray) -> None:
 
 def _best_rows(columns: Columns, score: str, sequence: str) -> tuple[IntArray, IntArray]:
     """Of each object that has hypotheses its number, and the row of the one that scores highest."""
-    if score not in columns.numbers:
-        nothing = np.zeros(0, dtype=np.int64)
-        return nothing, nothing
-    scores, owners = columns.numbers[score], columns.parents[sequence]
+    scores, counts = columns.numbers[score], columns.counts[sequence]
     if np.isnan(scores).any():
         raise WalkRefusedError("a score that is no number")
-    if (np.diff(owners) > 0).all():
-        return owners, np.arange(len(owners))
+    objects = np.flatnonzero(counts)
+    if len(objects) == len(scores):
+        return objects, np.arange(len(scores))
+    owners = np.repeat(np.arange(len(counts)), counts)
     order = np.lexsort((-scores, owners))
-    first = np.flatnonzero(np.diff(owners[order], prepend=-1))
-    return owners[order][first], order[first]
+    return objects, order[np.flatnonzero(np.diff(owners, prepend=-1))]
 
 
-def _best(
-    columns: Columns, score: str, name: str, sequence: str, total: int
-) -> tuple[FloatArray, Names]:
+def _best(columns: Columns, score: str, name: str, sequence: str) -> tuple[FloatArray, Names]:
     """Score and class of the best hypothesis of each object; NaN and empty where it has none."""
     objects, rows = _best_rows(columns, score, sequence)
-    scores = np.full(total, np.nan)
-    codes = np.zeros(total, dtype=np.int64)
-    if not len(objects):
-        return scores, Names(codes, ("",))
+    count, names = len(columns.counts[sequence]), columns.texts[name]
+    scores, codes = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
     scores[objects] = columns.numbers[score][rows]
-    names = columns.texts[name]
     codes[objects] = names.codes[rows] + 1
     return scores, Names(codes, ("", *names.vocabulary))
 
 
-def _best_labels(
-    columns: Columns, score: str, label: str, sequence: str, total: int
-) -> tuple[tuple[str, ...], IntArray]:
-    """The label of highest probability of each object, as names and codes."""
+def _best_labels(columns: Columns, score: str, label: str, sequence: str) -> Names:
+    """The label of highest probability of each object."""
     objects, rows = _best_rows(columns, score, sequence)
-    codes = np.zeros(total, dtype=np.int64)
-    if len(objects):
-        codes[objects] = columns.numbers[label][rows].astype(np.int64) + 1
-    return (label_name(None), *(label_name(number) for number in range(256))), codes
+    codes = np.zeros(len(columns.counts[sequence]), dtype=np.int64)
+    codes[objects] = columns.numbers[label][rows] + 1
+    return Names(codes, (label_name(None), *(label_name(number) for number in range(256))))
 
 
 def _transforms(

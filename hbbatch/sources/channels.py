@@ -67,6 +67,8 @@ class Count:
         if self.expected is not None:
             expected = max(findings.messages_expected or 0, self.expected)
             findings.messages_expected = expected
+        if self.expected is None and findings.partial:
+            findings.note(f"{self.read} messages were read; how many there were is not known")
         if self.expected is None or self.expected == self.read:
             return
         if self.expected > self.read:

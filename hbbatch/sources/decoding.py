@@ -53,6 +53,7 @@ UNDECODABLE: Final = (
 
 _ROS_TIME: Final = "int32 sec\nuint32 nanosec\n"
 _DEFAULT_DISTRO: Final = "humble"
+_MOST_ELEMENTS: Final = 10_000
 _DISTROS: Final = {
     store.value.removeprefix("ros2_"): store for store in Stores if store.value.startswith("ros2_")
 }
@@ -136,14 +137,26 @@ def _embedded_types(
 
 
 def _check_whole(store: Typestore, kind: str) -> None:
-    """Raise a KeyError unless a type and all that it holds are defined."""
-    for _, field in store.fielddefs[kind][1]:
-        node: Any = field[0]
-        argument: Any = field[1]
-        while node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            node, argument = argument[0]
-        if node == Nodetype.NAME:
-            _check_whole(store, argument)
+    """Raise a KeyError unless a type and all that it holds are defined.
+
+    Code is generated for each element of a fixed array of anything but numbers: a ValueError is
+    raised for more of these than a definition has that means it.
+    """
+    waiting, met, elements = [kind], {kind}, 0
+    while waiting:
+        for _, field in store.fielddefs[waiting.pop()][1]:
+            node: Any = field[0]
+            argument: Any = field[1]
+            while node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                (inner, about), count = argument
+                if node == Nodetype.ARRAY and (inner != Nodetype.BASE or about[0] == "string"):
+                    elements += count
+                node, argument = inner, about
+            if node == Nodetype.NAME and argument not in met:
+                met.add(argument)
+                waiting.append(argument)
+    if elements > _MOST_ELEMENTS:
+        raise ValueError(f"its fixed arrays have {elements} elements")
 
 
 def _ros2(channel: Channel, _: SourceOptions) -> Decoder:

@@ -41,6 +41,7 @@ from hbbatch.sources.rosbag2 import log_stem
 from hbbatch.sources.transforms import EXTRAPOLATION_NS
 
 _LISTED_TOPICS: Final = 20
+_LISTED_SEQUENCES: Final = 4
 _USES: Final = (
     "topics",
     "world_frame",
@@ -91,14 +92,14 @@ class LogSource:
         return self._sequences(self.log.channels(findings), findings)
 
     def describe(self) -> Description:
-        """What the log holds; all of it is read."""
+        """What the log holds, and what ingest would make of it; all of it is read."""
         description, channels = describe(self.log, self.options)
         try:
-            names = [s.sequence_id for s in self._sequences(channels, description.findings)]
+            sequences = self._sequences(channels, description.findings)
         except SourceError as error:
             return replace(description, would=f"refuse: {error}")
-        topics = ", ".join(_offered(channels, self.options))
-        return replace(description, would=f"ingest {topics} as {', '.join(names)}")
+        would = [sequence.would(description.findings) for sequence in sequences]
+        return replace(description, would="; ".join(would))
 
     def _sequences(self, channels: Sequence[Channel], findings: Findings) -> list[LogSequence]:
         topics = self._chosen(channels, findings)
@@ -146,7 +147,11 @@ def _listing(channels: Sequence[Channel]) -> str:
 
 def _damage(findings: Findings) -> str:
     """What was lost of the file, a sentence to put behind an error that may come from it."""
-    return f" Damage: {'; '.join(findings.problems)}." if findings.partial else ""
+    return f" Damage: {_joined(findings.problems)}." if findings.partial else ""
+
+
+def _joined(problems: Sequence[str]) -> str:
+    return "; ".join(problem.removesuffix(".") for problem in problems)
 
 
 @dataclass(frozen=True)
@@ -171,6 +176,19 @@ class LogSequence:
         )
         return hashlib.sha256(f"{self.log.fingerprint()} {concerned!r}".encode()).hexdigest()
 
+    def would(self, findings: Findings) -> str:
+        """What ingest would do, found by reading; problems that are new go to the findings."""
+        try:
+            readings = self.read()
+        except SourceError as error:
+            return f"fail: {error}"
+        for reading in readings:
+            findings.partial |= reading.findings.partial
+            findings.problems += [
+                problem for problem in reading.findings.problems if problem not in findings.problems
+            ]
+        return f"ingest {self.topic} as {_named(readings)}"
+
     def read(self) -> list[SequenceReading]:
         """Read the log; the findings are complete at once."""
         findings = Findings()
@@ -179,10 +197,8 @@ class LogSequence:
             scan.take(block)
         scan.finish(findings)
         if not len(scan.store):
-            raise SourceError(
-                f"{self.log.path}: no message on {self.topic} can be read.{_damage(findings)} "
-                f"{_reasons(findings)}Check the recording."
-            )
+            why = _joined(findings.problems) or "there is none"
+            raise SourceError(f"{self.log.path}: no message on {self.topic} can be read: {why}.")
         order, stamps_ns = scan.store.order()
         frames = scan.store.frame_ids(order)
         try:
@@ -221,6 +237,14 @@ class LogSequence:
         ]
 
 
+def _named(readings: Sequence[SequenceReading]) -> str:
+    """Names of sequences, of many the first and last."""
+    names = [reading.sequence_id for reading in readings]
+    if len(names) <= _LISTED_SEQUENCES:
+        return ", ".join(names)
+    return f"{names[0]} to {names[-1]}, {len(names)} sequences"
+
+
 @dataclass(frozen=True)
 class _Kept:
     """The frames of a topic that have a pose, in time order."""
@@ -229,10 +253,6 @@ class _Kept:
     stamps_ns: IntArray
     frames: Names
     poses: Poses
-
-
-def _reasons(findings: Findings) -> str:
-    return "" if findings.partial else "".join(f"{problem}. " for problem in findings.problems)
 
 
 def _frame_poses(

@@ -191,7 +191,7 @@ class PoseMessages:
         if self.tree.moves or self._topics or self._satellite.usable:
             raise SourceError(
                 f"no transforms lead from frame {frame!r} to a world frame. Frames known: "
-                f"{known}. Record the missing transforms too."
+                f"{known}. Record the missing transforms too, or name the world with --world-frame."
             )
 
     def _candidates(self, frame: str) -> Iterator[tuple[TransformTree, str]]:

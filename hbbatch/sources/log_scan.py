@@ -84,7 +84,7 @@ class LogScan:
         if reader.undecodable:
             findings.lost(
                 f"topic {reader.channel.topic}: {reader.undecodable} messages left out, they "
-                "cannot be decoded"
+                f"cannot be decoded ({reader.reason})"
             )
 
     def _reader(self, channel: Channel) -> ChannelReader[Any, Any]:

@@ -15,6 +15,7 @@ An entry a type:
         classes: {0: car, 1: pedestrian}  # optional: what the values of `class` mean
 
 Paths are relative to the message for `objects`, `time` and `frame`, else to an object of the list.
+A number in a path is an element of a list, from 0: `hypotheses.0.score`.
 """
 
 from __future__ import annotations
@@ -76,15 +77,13 @@ class MessageMapping(Settings):
             position_m=_three(thing, self.centre),
             size_m=_three(thing, self.size),
             rotation=NO_ROTATION if turned is None else xyzw(_follow(thing, turned)),
-            score=float(_follow(thing, self.score)) if self.score else NAN,
+            score=float(_if_there(thing, self.score, NAN)),
             class_name=self._class_name(thing),
             yaw=None if self.yaw is None else float(_follow(thing, self.yaw)),
         )
 
     def _class_name(self, thing: Any) -> str:
-        if self.class_path is None:
-            return ""
-        value = _follow(thing, self.class_path)
+        value = _if_there(thing, self.class_path, "")
         key = value if isinstance(value, str) else int(value)
         return self.classes.get(key, str(key))
 
@@ -96,7 +95,28 @@ class MappingFile(Settings):
 
 
 def _follow(message: Any, path: str) -> Any:
-    return reduce(getattr, path.split("."), message)
+    """What lies at a path.
+
+    Raises:
+        AttributeError: a field of the path is not there.
+        IndexError: a list of the path is too short.
+    """
+    try:
+        return reduce(_part, path.split("."), message)
+    except AttributeError as error:
+        raise AttributeError(f"no field {path}, which the mapping file names") from error
+
+
+def _part(thing: Any, name: str) -> Any:
+    return thing[int(name)] if name.isdecimal() else getattr(thing, name)
+
+
+def _if_there(thing: Any, path: str | None, otherwise: Any) -> Any:
+    """What lies at an optional path; lists on the way may be empty."""
+    try:
+        return otherwise if path is None else _follow(thing, path)
+    except IndexError:
+        return otherwise
 
 
 def _three(thing: Any, paths: _Three) -> tuple[float, float, float]:

@@ -26,7 +26,7 @@ def test_topics_frames_and_what_ingest_would_do(tmp_path: Path) -> None:
     assert result.returncode == 0
     for text in (
         "mcap ros2",
-        "6 in 2.0 s",
+        "6 in 2.0 s, 2.5 Hz",
         "lidar < map",
         "ingest /d as drive",
         "vision_msgs/msg/Detection3DArray",
@@ -41,7 +41,7 @@ def test_json(tmp_path: Path) -> None:
     result = hbbatch("info", write_drive(tmp_path / "drive.mcap"), "--json", cwd=tmp_path)
     [source] = json.loads(result.stdout)["sources"]
     assert source["messages"] == source["messages_expected"] == 6
-    assert source["duration_s"] == 2.0
+    assert (source["duration_s"], source["rate_hz"]) == (2.0, 2.5)
     [detections, transforms] = source["topics"]
     assert detections == {
         "topic": "/d",
@@ -75,3 +75,24 @@ def test_several_topics_are_all_offered(tmp_path: Path) -> None:
     [source] = json.loads(result.stdout)["sources"]
     assert "several detection topics (/a, /b). Use --topic." in source["ingest_would"]
     assert [topic["holds"] for topic in source["topics"]] == ["detections"] * 2
+
+
+def test_what_ingest_would_do_is_found_by_reading(tmp_path: Path) -> None:
+    write_drive(tmp_path / "drive.mcap")
+    pauses = hbbatch("info", "drive.mcap", "--json", "--max-gap-s", 0.5, cwd=tmp_path)
+    [source] = json.loads(pauses.stdout)["sources"]
+    assert source["ingest_would"] == "ingest /d as drive-000, drive-001, drive-002"
+    assert source["problems"] == ["topic /d: 3 sequences, it pauses between them"]
+    fails = hbbatch("info", "drive.mcap", "--json", "--world-frame", "moon", cwd=tmp_path)
+    [source] = json.loads(fails.stdout)["sources"]
+    assert source["ingest_would"].startswith("fail: drive.mcap: topic /d: no transforms lead from")
+
+
+def test_only_the_topics_asked_for_would_be_ingested(tmp_path: Path) -> None:
+    log = logs.LogWriter()
+    for topic in ("/a", "/b", "/c"):
+        log.add(topic, 0, logs.detections(10**9, "map", []))
+    log.write(tmp_path / "drive.mcap")
+    chosen = hbbatch("info", "drive.mcap", "--json", "--topic", "/a", "--topic", "/c", cwd=tmp_path)
+    [source] = json.loads(chosen.stdout)["sources"]
+    assert source["ingest_would"] == "ingest /a as drive-a; ingest /c as drive-c"

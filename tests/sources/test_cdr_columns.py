@@ -12,7 +12,6 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
-from hbbatch.sources import cdr_texts
 from hbbatch.sources.blocks import Payloads
 from hbbatch.sources.cdr_columns import DETECTION_WALKS, TRANSFORM_WALKS
 from hbbatch.sources.cdr_steps import WalkRefusedError
@@ -20,6 +19,8 @@ from hbbatch.sources.cdr_walk import CdrWalk
 from hbbatch.sources.columns import DetectionColumns, from_messages, from_samples
 from hbbatch.sources.messages import DETECTION_MESSAGES, POSE_MESSAGES, TRANSFORM_MESSAGES
 from tests import log_families, logs
+
+pytestmark = pytest.mark.usefixtures("cdr")
 
 STORES = {
     "humble": log_families.store(Stores.ROS2_HUMBLE),
@@ -70,6 +71,11 @@ def batches(draw: st.DrawFn, types: Typestore, kind: str) -> list[bytes]:
     return [bytes(types.serialize_cdr(message, kind)) for message in messages]
 
 
+def read_one_by_one(types: Typestore, kind: str, batch: list[bytes]) -> DetectionColumns:
+    read = DETECTION_MESSAGES[kind]
+    return from_messages([read(types.deserialize_cdr(content, kind)) for content in batch])
+
+
 def same(walked: DetectionColumns, read: DetectionColumns) -> None:
     np.testing.assert_array_equal(walked.stamp_ns, read.stamp_ns)
     np.testing.assert_array_equal(walked.box_counts, read.box_counts)
@@ -87,11 +93,8 @@ def same(walked: DetectionColumns, read: DetectionColumns) -> None:
 def test_random_detections(release: str, kind: str, data: st.DataObject) -> None:
     types = STORES[release]
     batch = data.draw(batches(types, kind))
-    walk = DETECTION_WALKS[kind](types, kind)
-    read = DETECTION_MESSAGES[kind]
-    messages = [read(types.deserialize_cdr(content, kind)) for content in batch]
-    walked = walk(Payloads.of(batch))
-    same(walked, from_messages(messages))
+    walked = DETECTION_WALKS[kind](types, kind)(Payloads.of(batch))
+    same(walked, read_one_by_one(types, kind, batch))
 
 
 @pytest.mark.parametrize("kind", TRANSFORM_WALKS)
@@ -124,8 +127,7 @@ def test_damaged_messages_are_refused_or_read_as_the_general_reader_does(
         walked = DETECTION_WALKS[kind](types, kind)(Payloads.of(batch))
     except WalkRefusedError:
         return
-    assert len(walked.stamp_ns) == len(batch)
-    assert walked.box_counts.sum() == len(walked.boxes) == len(walked.scores)
+    same(walked, read_one_by_one(types, kind, batch))
 
 
 def test_a_definition_of_another_layout_is_refused() -> None:
@@ -146,14 +148,15 @@ def test_however_many_names_there_are(kinds: int) -> None:
 
 
 def test_texts_are_told_apart_by_all_of_their_letters_and_no_others() -> None:
-    texts = ["pedestrian", "pedestrians", "pedestriam", "car", "", "pedestrian", "ä" * 8]
-    letters = np.array([len(text.encode()) for text in texts])
-    # What follows a text in a message is anything.
-    lying = [text.encode() + bytes(range(seed, seed + 16)) for seed, text in enumerate(texts)]
-    words = np.array([np.frombuffer(row[:16], dtype="<u8") for row in lying])
-    names = cdr_texts.texts_of(words, letters)
-    assert names.to_list() == texts
-    assert len(names.vocabulary) == 6
+    kind, types = "tf2_msgs/msg/TFMessage", STORES["humble"]
+    names = ["pedestrian", "pedestrians", "pedestriam", "car", "", "pedestrian", "ä" * 8, "x" * 999]
+    names += [f"{'a' * 8}{middle}{'b' * 8}" for middle in "cd"]
+    transforms = [logs.transform(1, name, name[::-1], (0, 0, 0)) for name in names]
+    batch = [bytes(logs.STORE.serialize_cdr(message, kind)) for message in transforms]
+    walked = TRANSFORM_WALKS[kind](types, kind)(Payloads.of(batch))
+    assert walked.parents.to_list() == names
+    assert walked.children.to_list() == [name[::-1] for name in names]
+    assert len(walked.parents.vocabulary) == len(set(names))
 
 
 def test_numbers_of_a_fixed_array_are_no_column() -> None:

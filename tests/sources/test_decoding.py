@@ -80,3 +80,11 @@ def test_ros_distro_that_is_not_known() -> None:
 def test_encoding_that_is_not_known() -> None:
     with pytest.raises(SourceError, match=r"topic /t: messages are cbor with no definition"):
         decoder(Channel("/t", "x/msg/Y", "cbor", "", b""), SourceOptions())
+
+
+@pytest.mark.parametrize("field", ["string[200000000] names", "One[200000000] ones"])
+def test_definitions_that_ask_for_code_without_end_are_refused_at_once(field: str) -> None:
+    text = f"{field}\n{'=' * 80}\nMSG: my_msgs/One\nint8 a\n"
+    channel = Channel("/t", "my_msgs/msg/Box", "cdr", "ros2msg", text.encode())
+    with pytest.raises(SourceError, match="its fixed arrays have 200000000 elements"):
+        decoder(channel, SourceOptions())

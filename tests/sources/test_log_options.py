@@ -156,7 +156,7 @@ def test_a_low_rate_is_no_pause() -> None:
 OWN = {
     "my_msgs/msg/Objects": "builtin_interfaces/Time at\nstring where\nmy_msgs/Thing[] items\n",
     "my_msgs/msg/Thing": "geometry_msgs/Point middle\nfloat32[3] unused\nfloat64 long\n"
-    "float64 wide\nfloat64 high\nfloat64 course\nfloat32 sure\nuint8 label\n",
+    "float64 wide\nfloat64 high\nfloat64 course\nfloat32 sure\nuint8 label\nstring[] names\n",
 }
 MAPPING = """
 messages:
@@ -179,7 +179,7 @@ def own_log(path: Path) -> Path:
         types.register({n: f for n, f in get_types_from_msg(text, name).items() if n == name})
     things = [
         {"middle": POINT, "long": 4.0, "wide": 2.0, "high": 1.5, "course": 0.5, "sure": 0.5}
-        | {"label": label}
+        | {"label": label, "names": [f"kind {label}"][: label % 2]}
         for label in (1, 2, 9)
     ]
     content = {"at": families.stamp(SECOND), "where": "map", "items": things}
@@ -213,9 +213,27 @@ def test_without_its_mapping_the_type_is_listed(tmp_path: Path) -> None:
         readings(own_log(tmp_path / "a"))
 
 
+def test_elements_of_lists_are_numbered(tmp_path: Path) -> None:
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(MAPPING.replace("class: label", "class: names.0"))
+    [reading] = readings(own_log(tmp_path / "a"), mappings=(mapping,))
+    [frame] = frames_of(reading)
+    assert frame.class_names == ["kind 1", "", "kind 9"]
+
+
+def test_a_field_that_is_not_there_is_named(tmp_path: Path) -> None:
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(MAPPING.replace("score: sure", "score: certainty.high"))
+    with pytest.raises(SourceError, match=r"1 messages left out.*no field certainty\.high, which"):
+        readings(own_log(tmp_path / "a"), mappings=(mapping,))
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
-    [(("yaw: course", "yaww: course"), "yaww"), (("    yaw: course\n", ""), "orientation or yaw")],
+    [
+        (("yaw: course", "yaww: course"), "yaww.*score, class, classes"),
+        (("    yaw: course\n", ""), "orientation or yaw"),
+    ],
 )
 def test_mapping_that_is_wrong(tmp_path: Path, change: tuple[str, str], expected: str) -> None:
     mapping = tmp_path / "mapping.yaml"

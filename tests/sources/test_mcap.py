@@ -264,7 +264,12 @@ def test_truncated_file_gives_what_is_whole(tmp_path: Path) -> None:
     frames = frames_of(reading)
     assert 0 < len(frames) < 40
     assert reading.findings.partial
-    assert any("ends early" in problem for problem in reading.findings.problems)
+    ends, counts, *_ = reading.findings.problems
+    assert ends.startswith("the file ends early, at byte 15000")
+    # The count that a file declares lies at its end.
+    read_count = reading.findings.messages_read
+    assert counts == f"{read_count} messages were read; how many there were is not known"
+    assert read_count >= len(frames)
 
 
 def test_error_of_a_truncated_file_names_the_damage(tmp_path: Path) -> None:

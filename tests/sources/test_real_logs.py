@@ -32,8 +32,8 @@ COUNTS = {
 """Format, messages and topics, as the tools of the recorders count them."""
 
 
-def describe(path: Path) -> Description:
-    [source] = open_sources(path, SourceOptions())
+def describe(path: Path, options: SourceOptions | None = None) -> Description:
+    [source] = open_sources(path, options or SourceOptions())
     return source.describe()
 
 
@@ -73,9 +73,14 @@ def test_bag_that_is_no_bag_behind_its_first_line(test_data: Path) -> None:
 
 
 def test_real_frames_and_roles_are_found(test_data: Path) -> None:
-    marker = describe(test_data / "logs/ros1/webviz_cube_marker_tf.bag")
-    assert marker.would == "ingest /marker_in_parent_frame as webviz_cube_marker_tf"
+    path = test_data / "logs/ros1/webviz_cube_marker_tf.bag"
+    marker = describe(path)
     assert list(marker.frames) == ["child_frame < parent_frame"]
+    # The boxes are in the root of the tree, which nothing says is the world.
+    assert marker.would.startswith(f"fail: {path}: topic /marker_in_parent_frame: no transforms")
+    assert "name the world with --world-frame" in marker.would
+    told = describe(path, SourceOptions(world_frame="parent_frame"))
+    assert told.would == "ingest /marker_in_parent_frame as webviz_cube_marker_tf"
     husky = describe(test_data / "logs/ros1/husky_odom_navsatfix_imu.bag")
     assert {topic.holds for topic in husky.topics} == {"poses"}
     assert {topic.problem for topic in husky.topics} == {""}
