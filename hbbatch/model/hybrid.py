@@ -17,7 +17,6 @@ from hbbatch.model.filters import (
     Innovation,
     Measurement,
     innovation,
-    moved,
     plan_range,
 )
 from hbbatch.model.geometry import wrap_half_turn
@@ -110,9 +109,9 @@ class HybridFilter(nn.Module):
         noise = (self.base.log_q[code] + rows[:, column["process"]]).exp()
         prior, base = self.base.predict_with(boxes, base, dt_s, noise)
         dt = dt_s[:, None]
-        along, across, turned = (rates * self.learned[code] * dt).unbind(1)
-        step = torch.stack([along, across, torch.zeros_like(along), turned], dim=1)
-        prior = moved(prior, step, torch.zeros_like(step[:, :3]), cos, sin)
+        step = rates * self.learned[code] * dt
+        x, y = turn(step[:, 0:1], step[:, 1:2], cos, sin)
+        prior = prior + torch.cat([x, y, torch.zeros_like(boxes[:, 2:6]), step[:, 2:3]], dim=1)
         newest = ((prior - boxes) / dt).float()
         past = rows[:, column["history"]][:, : 7 * (self.history - 1)]
         middle = rows[:, column["correction"].start : column["since_seen_s"].start]

@@ -106,7 +106,7 @@ def predict(
     prior: FloatArray,
     /,
 ) -> None:
-    """`PackedKalman.predict` with learned rates `(7, n)` or none, damping `(n,)` or none."""
+    """`PackedKalman.predict` with learned rates `(3, n)` or none, damping `(n,)` or none."""
 
 def update_features(
     layout: IntArray,
@@ -133,7 +133,10 @@ def update(
     said: Single,
     /,
 ) -> None:
-    """`PackedKalman.update` given innovations; memory and `(8, n)` of the gain network, or none."""
+    """`PackedKalman.update` given innovations; memory of the gain network and `(8, n)` it said.
+
+    Either may be none: of the classical filter, and of a gain that was not learned.
+    """
 
 def rectify(outputs: Single, /) -> None:
     """Outputs become twice what a rectifier makes of them."""

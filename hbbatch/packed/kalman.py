@@ -173,7 +173,7 @@ class PackedKalman:
         damping: FloatArray | None,
         rates: Single,
     ) -> FloatArray:
-        """`predict` with learned rates `(7, n)` of packed boxes in the heading frame, or none."""
+        """`predict` with learned rates `(3, n)` along, across and of yaw, or none."""
         prior = np.empty((7, len(frames)))
         share = _UNDAMPED if damping is None else damping
         kernels.predict(self.layout, boxes, state, times, frames, rates, share, prior)

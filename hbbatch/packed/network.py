@@ -5,18 +5,13 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
 from hbbatch.motion.parameters import Parameters
 from hbbatch.packed import kernels
-from hbbatch.packed.arrays import PACKED, Single
+from hbbatch.packed.arrays import NONE, Single
 from hbbatch.packed.features import Features
-
-_FIELDS: Final = [0, 1, 6]
-"""Fields of a box that the heads speak of: x and y in the heading frame, yaw."""
 
 
 class PackedResidual:
@@ -33,14 +28,11 @@ class PackedResidual:
         heads_in = _affine(parameters, "heads_in")
         self._heads_in = _with_ones(heads_in, heads_in.shape[1] - 1) * np.float32(0.5)
         heads = [_affine(parameters, f"heads_out.{name}") for name in HEADS]
-        said = _beside_another(heads)
-        said *= 0.5 * np.array(list(RESIDUAL_UNIT.values()), np.float32)[:, None]
-        fields = np.zeros((7, said.shape[1]), np.float32)
-        fields[_FIELDS] = said
-        self._heads_out = fields[PACKED]
+        unit = np.array(list(RESIDUAL_UNIT.values()), np.float32)[:, None]
+        self._heads_out = _beside_another(heads) * (0.5 * unit)
 
     def __call__(self, features: Single) -> Single:
-        """Rates `(7, n)` of packed boxes."""
+        """Rates `(3, n)` along, across and of yaw."""
         encoded: Single = self._encoder.dot(features)
         kernels.rectify(encoded)
         said: Single = self._heads_in.dot(encoded)
@@ -67,11 +59,13 @@ class PackedGain:
         self._candidate = forgetful[rest, self._memory :].copy()
         self._kept = np.hstack([kept, kept_bias[:, None]])[rest].copy()
         self._read_out = _affine(parameters, "read_out") / np.float32(LARGEST_SAID)
+        self._silent = not self._read_out.any()
 
     def __call__(self, features: Single) -> Single:
         """Replaces the memory, which the features begin with; what is said of noise, `(8, n)`.
 
         That is in [-1, 1]: factors' logarithms over `LARGEST_SAID`, of process and measurement.
+        Nothing, where only the prediction was learned.
         """
         with_one = features[: self._memory + 1]
         gates: Single = self._gates.dot(features)
@@ -81,6 +75,8 @@ class PackedGain:
         kernels.reset_memory(gates, remembered, candidate)
         np.tanh(candidate, out=candidate)
         kernels.mix_memory(gates, candidate, features)
+        if self._silent:
+            return NONE
         said: Single = self._read_out.dot(with_one)
         np.tanh(said, out=said)
         return said

@@ -93,7 +93,10 @@ class Workload:
         return effort.steps * weights_bytes + 2 * row_bytes * (effort.predicted + effort.updated)
 
     def multiply_adds(self) -> tuple[int, int]:
-        """Of the network, for one track: to predict and to correct."""
+        """Of the network, for one track: to predict and to correct.
+
+        A read-out that was not learned says nothing and is not worked out.
+        """
         parts = dict(self._motion.named_children())
         return _weights(parts.get("residual")), _weights(parts.get("gain"))
 
@@ -126,7 +129,8 @@ def _median_s(work: Callable[[], object], seconds: float) -> float:
 def _weights(part: nn.Module | None) -> int:
     if part is None:
         return 0
-    return sum(parameter.numel() for parameter in part.parameters() if parameter.dim() == 2)
+    matrices = (parameter for parameter in part.parameters() if parameter.dim() == 2)
+    return sum(matrix.numel() for matrix in matrices if matrix.any())
 
 
 class _Counting:

@@ -56,12 +56,17 @@ def detections(
 @pytest.mark.parametrize("model", ["cv", "ca", "ct"])
 @pytest.mark.parametrize("make", [KalmanFilter, HybridFilter])
 def test_a_packed_filter_steps_like_its_module(make: type[nn.Module], model: MotionModel) -> None:
-    assert step_both(make, model, smallest_m=0.5) > SMALLEST_SIZE_M
+    assert step_both(made(make, model), smallest_m=0.5) > SMALLEST_SIZE_M
+
+
+def test_so_it_does_where_only_the_prediction_was_learned() -> None:
+    motion = _without_a_say_in_the_gain(made(HybridFilter, "cv"))
+    assert step_both(motion, smallest_m=0.5) > SMALLEST_SIZE_M
 
 
 @pytest.mark.parametrize("make", [KalmanFilter, HybridFilter])
 def test_so_it_does_where_no_box_may_get_smaller(make: type[nn.Module]) -> None:
-    assert step_both(make, "ct", smallest_m=0.06) == pytest.approx(SMALLEST_SIZE_M, abs=1e-6)
+    assert step_both(made(make, "ct"), smallest_m=0.06) == pytest.approx(SMALLEST_SIZE_M, abs=1e-6)
 
 
 @torch.inference_mode()
@@ -87,12 +92,23 @@ def test_a_list_of_learned_kinds_of_another_length_is_refused() -> None:
         HybridFilter(KINDS, "ct", learned=(True,))
 
 
+def made(make: type[nn.Module], model: MotionModel) -> nn.Module:
+    learned = {"learned": (True, False, True)} if make is HybridFilter else {}
+    return shaken(make(KINDS, model, **learned))
+
+
+def _without_a_say_in_the_gain(motion: nn.Module) -> nn.Module:
+    assert isinstance(motion, HybridFilter)
+    with torch.no_grad():
+        for parameter in motion.gain.read_out.parameters():
+            parameter.zero_()
+    return motion
+
+
 @torch.inference_mode()
-def step_both(make: type[nn.Module], model: MotionModel, smallest_m: float) -> float:
+def step_both(motion: nn.Module, smallest_m: float) -> float:
     """Step a module and its twin side by side; the smallest size any box had."""
     rng = np.random.default_rng(0)
-    learned = {"learned": (True, False, True)} if make is HybridFilter else {}
-    motion = shaken(make(KINDS, model, **learned))
     twin = packed(motion)  # type: ignore[arg-type]
     kinds = rng.integers(0, 3, TRACKS)
     seen = detections(rng, smallest_m=smallest_m)

@@ -41,7 +41,7 @@ def calls(kernels: ModuleType) -> dict[str, tuple[Callable[..., object], list[An
     limits = motion._before.limit, motion._after.limit
     kinds = np.zeros(SEEN, np.int64)
     features = [np.ones((width, ROWS), np.float32) for width in (before, after)]
-    rates, said = np.ones((7, ROWS), np.float32), np.ones((8, ROWS), np.float32)
+    rates, said = np.ones((3, ROWS), np.float32), np.ones((8, ROWS), np.float32)
     half, whole = np.ones((4, ROWS), np.float32), np.ones((8, ROWS), np.float32)
     known = [motion.layout, boxes, state]
     plain_known = [plain.layout, boxes, plain_state]
@@ -76,6 +76,10 @@ def calls(kernels: ModuleType) -> dict[str, tuple[Callable[..., object], list[An
             [*known, measured, seen, numbers, limits[1], apart, features[1]],
         ),
         "update": (kernels.update, [*known, seen, numbers, apart, features[1], said]),
+        "update with nothing said": (
+            kernels.update,
+            [*known, seen, numbers, apart, features[1], none],
+        ),
         "update without factors": (
             kernels.update,
             [*plain_known, seen, numbers, apart, none, none],
@@ -107,6 +111,7 @@ NAMES = (
     "predict without rates",
     "update_features",
     "update",
+    "update with nothing said",
     "update without factors",
     "rectify",
     "reset_memory",

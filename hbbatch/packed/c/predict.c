@@ -44,19 +44,14 @@ static void advance(const Tracks *t, const float *times, Py_ssize_t step, const 
     turn(v, v + t->step, c, s, 1.0f, t->n);
 }
 
-/* What the residual predictor said, (7, n) in the heading frame, becomes rates of the world. */
-static void residual(const Tracks *t, const float *said, Py_ssize_t step, const float *inverse_dt,
-                     Rows rate) {
+/* What the residual predictor said, (3, n) along, across and of yaw, becomes rates of the world. */
+static void residual(const Tracks *t, const float *said, Py_ssize_t step, Rows rate) {
+    static const int row_of[SAID] = {PLAN, PLAN + 1, YAW};
     const float *learned = part(t, LEARNED);
     float c[BLOCK], s[BLOCK];
     heading(t->boxes + YAW * t->box_step, c, s, t->n);
-    for (int row = 0; row < BOX; row++)
-        for (int j = 0; j < t->n; j++) rate[row][j] = said[row * step + j] * learned[j];
-    for (int row = SIZE; row < 3; row++)
-        for (int j = 0; j < t->n; j++) {
-            double least = (SMALLEST_SIZE_M - t->boxes[row * t->box_step + j]) * inverse_dt[j];
-            if (rate[row][j] < least) rate[row][j] = (float)least;
-        }
+    for (int row = 0; row < SAID; row++)
+        for (int j = 0; j < t->n; j++) rate[row_of[row]][j] = said[row * step + j] * learned[j];
     turn(rate[PLAN], rate[PLAN + 1], c, s, 1.0f, t->n);
 }
 
@@ -74,7 +69,6 @@ static void remember_step(const Tracks *t, Rows rate, const float *tenths, const
             elapsed[at] = log1pf(LEAST(counter[at], LONGEST_TENTHS));
         }
     memcpy(part(t, INVERSE_DT), inverse, bytes);
-    log_sizes(t);
 }
 
 /* PackedHybrid: velocity and history in the heading frame, all else as it is. */
@@ -117,7 +111,7 @@ PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     Py_ssize_t all = a[4].columns, step = times->columns;
     int learned = said->rows > 0, damped = a[6].columns > 0;
     if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
-        state->columns < all || !within(a + 4, step) || (learned && said->rows != BOX) ||
+        state->columns < all || !within(a + 4, step) || (learned && said->rows != SAID) ||
         (learned && said->columns != all) || (damped && a[6].columns != all) || out->rows != BOX ||
         out->columns != all ||
         times->rows !=
@@ -131,7 +125,7 @@ PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
         float rate[BOX][BLOCK] = {{0}}, mean[AXES][BLOCK], time[WEIGHTS][BLOCK];
         for (int row = 0; row < WEIGHTS; row++)
             pick((const float *)times->view.buf + row * step, frames, t.n, time[row]);
-        if (learned) residual(&t, (const float *)said->view.buf + start, all, time[INVERSE], rate);
+        if (learned) residual(&t, (const float *)said->view.buf + start, all, rate);
         advance(&t, times->view.buf, step, frames, time[DT_S], time[HALF_S], mean);
         for (int axis = 0; axis < AXES; axis++)
             for (int j = 0; j < t.n; j++) rate[MOTION + axis][j] += mean[axis][j];

@@ -20,6 +20,7 @@ enum {
 };
 enum { DT_S, HALF_S, IN_TENTHS, INVERSE, WEIGHTS }; /* packed.kalman.Times */
 enum { SIZE = 0, PLAN = 3, MOTION = 3, YAW = 6, BOX = 7, AXES = 4, BLOCK = 64 };
+enum { SAID = 3 }; /* motion.constants.RESIDUAL_UNIT */
 enum { COS_ROW = 7, SIN_ROW, AGREEMENT_ROW, APART_ROWS }; /* after an innovation */
 enum { VARIANCE_ROWS = BOX, FROM_SENSOR_ROWS = 4, SEEN_ROWS = 11 }; /* packed.kalman.DETECTION */
 

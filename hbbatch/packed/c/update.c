@@ -169,7 +169,8 @@ static void remember_update(const Tracks *t, const float *memory, Py_ssize_t ste
     log_sizes(t);
 }
 
-/* PackedKalman.update and, with what the gain network said, PackedHybrid.update. */
+/* PackedKalman.update and, with the memory of the gain network and what it said, if it says
+ * anything, PackedHybrid.update. */
 PyObject *update(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
@@ -178,12 +179,13 @@ PyObject *update(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     Array *layout = a, *boxes = a + 1, *state = a + 2, *seen = a + 3, *apart = a + 5;
     Array *memory = a + 6, *said = a + 7;
     Py_ssize_t all = a[4].columns;
-    int learned = said->rows > 0;
+    int learned = memory->rows > 0, scales = said->rows > 0;
     if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
         state->columns < all || seen->columns != SEEN_ROWS || !within(a + 4, seen->rows) ||
         apart->rows != APART_ROWS || apart->columns != all ||
-        (learned && (said->rows != 2 * AXES || said->columns != all || memory->columns != all ||
-                     memory->rows < ((const int64_t *)layout->view.buf)[ONE])))
+        (learned && (memory->columns != all ||
+                     memory->rows < ((const int64_t *)layout->view.buf)[ONE])) ||
+        (scales && (!learned || said->rows != 2 * AXES || said->columns != all)))
         return release(a, taken), refuse("update: shapes do not agree");
     for (Py_ssize_t start = 0; start < all; start += BLOCK) {
         Tracks t = some(layout, boxes, state, start, all);
@@ -192,7 +194,7 @@ PyObject *update(PyObject *module, PyObject *const *given, Py_ssize_t count) {
         float variance[BOX][BLOCK], change[BOX + 2 * AXES][BLOCK];
         for (int row = 0; row < BOX; row++)
             of_detections(seen->view.buf, row, detections, t.n, variance[row]);
-        if (learned) scale_noise(&t, (const float *)said->view.buf + start, all, variance);
+        if (scales) scale_noise(&t, (const float *)said->view.buf + start, all, variance);
         correct(&t, innovation, all, variance, change);
         for (int row = 0; learned && row < BOX; row++)
             memcpy(part(&t, CORRECTION) + row * t.step, change[row], sizeof(float) * (size_t)t.n);
