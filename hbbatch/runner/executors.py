@@ -11,7 +11,7 @@ from typing import Protocol
 
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.dealing import Group
-from hbbatch.runner.processes import Standby, WorkerProcess
+from hbbatch.runner.processes import Standby, WorkerProcess, keep_to_a_core
 from hbbatch.runner.worker import LoadedTracker, Order, Outcome, track_group
 
 
@@ -60,7 +60,7 @@ class ProcessExecutor:
         try:
             while queue or crew:
                 for worker in self._hired(crew, len(queue)):
-                    worker.hire(order)
+                    worker.hire(order, self._workers)
                     worker.give(queue)
                 for pipe in wait(list(crew)):
                     yield from _hear(crew, queue, crew[pipe])  # type: ignore[index]
@@ -94,9 +94,9 @@ class _Worker:
         """This end of it."""
         return self.process.pipe
 
-    def hire(self, order: Order) -> None:
-        """Say what all its work is about."""
-        self._send((order, self.number))
+    def hire(self, order: Order, workers: int) -> None:
+        """Say what all its work is about, and how many share it."""
+        self._send((order, self.number, workers))
 
     def give(self, queue: deque[Group]) -> None:
         """Hand over the next group, or None where none is left."""
@@ -147,7 +147,8 @@ def work(pipe: Connection) -> None:
     Raises:
         EOFError, OSError: nobody is at the other end any more.
     """
-    order, number = pipe.recv()
+    order, number, workers = pipe.recv()
+    keep_to_a_core(number, workers)
     loaded = _load(pipe, order)
     while loaded and (group := pipe.recv()) is not None:
         for outcome in track_group(order, loaded, group, number):

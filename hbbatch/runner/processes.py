@@ -112,6 +112,24 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+def keep_to_a_core(number: int, workers: int) -> None:
+    """Where workers leave no core free, keep this one and the threads it will start to one core.
+
+    Threads of a worker take turns at the interpreter. On one core that costs little; where turns
+    may go to any, the threads of two workers push each other from core to core, and the same work
+    takes a tenth longer (docs/performance.md). Where there are more cores, threads may use them.
+
+    Args:
+        number: of this worker, from 0.
+        workers: how many there are.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    cores = sorted(os.sched_getaffinity(0))
+    if workers >= len(cores):
+        os.sched_setaffinity(0, {cores[number % len(cores)]})
+
+
 def _body(pipe: Connection) -> None:
     """What the process does. Until it has loaded all it needs, SIGTERM ends it at once."""
     import hbbatch.tracking.engine  # noqa: F401 - loaded before anyone waits for it

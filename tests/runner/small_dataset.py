@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
@@ -147,6 +148,11 @@ def echo_hash(settings: TrackSettings) -> str:
 
 def load_echo(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
     return LoadedTracker(EchoTracker(), "cpu")
+
+
+def load_says_cores(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
+    """The device is a list of the cores that this process may use."""
+    return LoadedTracker(EchoTracker(), json.dumps(sorted(os.sched_getaffinity(0))))
 
 
 def load_fails(settings: TrackSettings, device: DeviceName) -> LoadedTracker:

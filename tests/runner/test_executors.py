@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,7 +16,13 @@ from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor, _Worker
 from hbbatch.runner.processes import Standby, WorkerProcess
 from hbbatch.runner.worker import LoadTracker, Order, Outcome
-from tests.runner.small_dataset import load_breaks, load_echo, load_fails, make_dataset
+from tests.runner.small_dataset import (
+    load_breaks,
+    load_echo,
+    load_fails,
+    load_says_cores,
+    make_dataset,
+)
 
 
 def order(dataset: Dataset, run: str = "r", load: LoadTracker = load_echo) -> Order:
@@ -61,15 +70,43 @@ def test_all_workers_are_started_before_one_is_told_anything(
         events.append("taken")
         return take(standby)
 
-    def hired(worker: _Worker, order: Order) -> None:
+    def hired(worker: _Worker, order: Order, workers: int) -> None:
         events.append("hired")
-        hire(worker, order)
+        hire(worker, order, workers)
 
     monkeypatch.setattr(Standby, "take", taken)
     monkeypatch.setattr(_Worker, "hire", hired)
     dataset = make_dataset(tmp_path, "a", "b")
     list(ProcessExecutor(2).run(order(dataset), [group("a"), group("b")]))
     assert events == ["taken", "taken", "hired", "hired"]
+
+
+@pytest.fixture
+def two_cores() -> Iterator[set[int]]:
+    """This process and those it starts may use two cores."""
+    if not hasattr(os, "sched_setaffinity"):
+        pytest.skip("this system keeps no process to a core")
+    before = os.sched_getaffinity(0)
+    two = set(sorted(before)[:2])
+    os.sched_setaffinity(0, two)
+    yield two
+    os.sched_setaffinity(0, before)
+
+
+def test_workers_that_leave_no_core_free_keep_to_one_each(
+    tmp_path: Path, two_cores: set[int]
+) -> None:
+    dataset = make_dataset(tmp_path, "a", "b")
+    asked = order(dataset, load=load_says_cores)
+    alone = list(ProcessExecutor(1).run(asked, [group("a", "b")]))
+    assert {cores_of(outcome) for outcome in alone} == {tuple(sorted(two_cores))}
+    beside_another = list(ProcessExecutor(2).run(asked, [group("a"), group("b")]))
+    assert {cores_of(outcome) for outcome in beside_another} == {(core,) for core in two_cores}
+
+
+def cores_of(outcome: Outcome) -> tuple[int, ...]:
+    assert outcome.timing
+    return tuple(json.loads(outcome.timing["device"]))
 
 
 @pytest.mark.parametrize("executor", [SerialExecutor(), ProcessExecutor(2)])
