@@ -132,6 +132,8 @@ def keep_to_a_core(number: int, workers: int) -> None:
 
 def _body(pipe: Connection) -> None:
     """What the process does. Until it has loaded all it needs, SIGTERM ends it at once."""
+    # numpy multiplies in one thread here; the others would wait for work in a busy loop at first.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     import hbbatch.tracking.engine  # noqa: F401 - loaded before anyone waits for it
     from hbbatch.runner.executors import work
 

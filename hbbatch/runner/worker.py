@@ -20,6 +20,7 @@ from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.device import resolved_device
+from hbbatch.runner.memory import keep_freed_memory
 from hbbatch.runner.timing import TimingRow, timing_row
 from hbbatch.sinks.kitti import kitti_result
 from hbbatch.tracking.frames import (
@@ -102,6 +103,7 @@ def track_group(
     A sequence that cannot be read or written fails alone. If stepping the group fails, the
     sequences not yet done are stepped one by one, so that only the culprit fails.
     """
+    keep_freed_memory()
     parts = bounded(group, MAX_PART_DETECTIONS)
     with ThreadPoolExecutor(1) as encoder, ThreadPoolExecutor(_STORERS) as storers:
         desk = _Desk(order, loaded, worker, encoder, storers)
