@@ -76,11 +76,22 @@ def _root(
         os.environ[TRACEBACK_VARIABLE] = "1"
 
 
+def use_small_pages() -> None:
+    """Have numpy, once it is loaded, ask for no huge pages: here and in processes started here.
+
+    Its arrays live for a block of a log or a part of the sequences, and for each the system would
+    clear pages of 2 MB as a whole: in a virtual machine that was up to half of an ingest's time
+    (docs/performance_ingest.md). What the environment says already stays.
+    """
+    os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
+
+
 def main() -> None:
     """Run the command line: an error is one line on stderr and an exit status.
 
     Usage errors (2), Ctrl-C (130) and a reader that leaves are typer's to handle.
     """
+    use_small_pages()
     try:
         app()
     except HbbatchError as error:

@@ -26,6 +26,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from hbbatch.cli.main import use_small_pages
 from hbbatch.runner.bench_report import Table, as_markdown, write_markdown
 from hbbatch.runner.ingest import ingest
 from tests import logs
@@ -253,6 +254,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--slow-rounds", type=int, default=2, help="of mcap-ros2-support")
     parser.add_argument("--markdown", type=Path, help="document to write the tables into")
     asked = parser.parse_args(arguments)
+    use_small_pages()  # in all processes that are measured, as the command line does
     with tempfile.TemporaryDirectory() as folder:
         path = write_detections(Path(folder) / "drive.mcap", asked.messages)
         tables = [speed_table(path, asked.rounds, asked.slow_rounds)]

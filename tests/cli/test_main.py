@@ -32,6 +32,18 @@ def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return status
 
 
+@pytest.mark.parametrize(("before", "after"), [(None, "0"), ("1", "1")])
+def test_numpy_is_to_use_small_pages_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, before: str | None, after: str
+) -> None:
+    name = "NUMPY_MADVISE_HUGEPAGE"
+    monkeypatch.setenv(name, before or "")
+    if before is None:
+        monkeypatch.delenv(name)
+    main_module.use_small_pages()
+    assert os.environ[name] == after
+
+
 def test_the_version_is_printed() -> None:
     result = hbbatch("--version")
     assert (result.returncode, result.stdout) == (0, f"hbbatch {__version__}\n")
