@@ -28,8 +28,10 @@ def study(
     """Train and judge variants by cross-validation over sequences; print the tables."""
     from hbbatch.runner.study import run_study
     from hbbatch.runner.study_file import load_study
-    from hbbatch.runner.study_tables import markdown, put_into_page
+    from hbbatch.runner.study_tables import check_page, markdown, put_into_page
 
+    if out is not None:
+        check_page(out, file.name)  # before hours of training
     report = run_study(load_study(file), lambda what: typer.echo(what, err=True), keep)
     tables = markdown(report)
     if out is not None:

@@ -35,13 +35,23 @@ def write_markdown(path: Path, tables: Sequence[Table]) -> None:
     Raises:
         UsageError: the document is missing or has no markers.
     """
+    before, after = around_tables(path)
+    with write_aside(path) as aside:
+        aside.write_text(f"{before}{BEGIN}\n{as_markdown(tables)}\n{END}{after}")
+
+
+def around_tables(path: Path) -> tuple[str, str]:
+    """What stands before and behind the markers of a document.
+
+    Raises:
+        UsageError: the document is missing or has no markers.
+    """
     text = path.read_text() if path.is_file() else ""
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise UsageError(f"{path}: no lines {BEGIN!r} and {END!r} to write between.")
-    with write_aside(path) as aside:
-        aside.write_text(f"{before}{BEGIN}\n{as_markdown(tables)}\n{END}{after}")
+    return before, after
 
 
 def _section(table: Table) -> str:

@@ -124,3 +124,18 @@ def test_completion_is_offered_for_bash() -> None:
 def test_choices_are_those_of_the_settings() -> None:
     assert {choice.value for choice in Device} == set(DeviceName.__args__)  # type: ignore[attr-defined]
     assert {choice.value for choice in FilterChoice} == set(FilterName.__args__)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "command", [("bench", "no_dataset", "--markdown"), ("study", "no_study.yaml", "--out")]
+)
+def test_a_page_that_tables_do_not_fit_in_is_refused_before_anything_is_measured(
+    command: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("No markers.\n")
+    assert run_main(monkeypatch, *command, str(page)) != 0
+    assert f"error: {page}: " in capsys.readouterr().err
