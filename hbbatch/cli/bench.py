@@ -41,7 +41,8 @@ def bench(
     from hbbatch.config import TrackSettings, validate
     from hbbatch.runner.bench import BenchRequest
     from hbbatch.runner.bench import bench as run_bench
-    from hbbatch.runner.bench_report import around_tables, as_markdown, write_markdown
+    from hbbatch.runner.bench_report import as_markdown
+    from hbbatch.runner.pages import bench_page
 
     settings = {"filter": filter_name.value, "weights": weights}
     request = BenchRequest(
@@ -52,9 +53,10 @@ def bench(
         repeats=tuple(repeat or (1, 10)),
         sequences=tuple(sequences or (50,)),
     )
-    if markdown is not None:
-        around_tables(markdown)  # a page that cannot be written is an error before minutes of work
+    page = markdown and bench_page(markdown)
+    if page:
+        page.check()
     tables = run_bench(request, lambda what: complain(f"measuring: {what}"))
-    if markdown is not None:
-        write_markdown(markdown, tables)
+    if page:
+        page.put(as_markdown(tables))
     typer.echo(as_markdown(tables))

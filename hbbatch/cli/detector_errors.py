@@ -31,14 +31,17 @@ def detector_errors(
     from hbbatch.runner.detector_errors import detector_errors as measure
     from hbbatch.runner.detector_errors import markdown
     from hbbatch.runner.labelled import labelled_sequences
-    from hbbatch.runner.study_tables import put_into_page
+    from hbbatch.runner.pages import study_page
 
+    page = out and study_page(out, f"detector errors, {kind.value}")
+    if page:
+        page.check()
     table = markdown(
         {
             root.name: measure(labelled_sequences([root]).trajectories(), kind.value)
             for root in dataset or [DEFAULT_DATASET]
         }
     )
-    if out is not None:
-        put_into_page(out, f"detector errors, {kind.value}", table)
+    if page:
+        page.put(table)
     typer.echo(table)

@@ -26,14 +26,16 @@ def study(
     as_json: JsonOption = False,
 ) -> None:
     """Train and judge variants by cross-validation over sequences; print the tables."""
+    from hbbatch.runner.pages import study_page
     from hbbatch.runner.study import run_study
     from hbbatch.runner.study_file import load_study
-    from hbbatch.runner.study_tables import check_page, markdown, put_into_page
+    from hbbatch.runner.study_tables import markdown
 
-    if out is not None:
-        check_page(out, file.name)  # before hours of training
+    page = out and study_page(out, file.name)
+    if page:
+        page.check()
     report = run_study(load_study(file), lambda what: typer.echo(what, err=True), keep)
     tables = markdown(report)
-    if out is not None:
-        put_into_page(out, file.name, tables)
+    if page:
+        page.put(tables)
     typer.echo(json.dumps(report.to_json(), indent=2) if as_json else tables)

@@ -1,17 +1,9 @@
-"""The benchmark's tables as Markdown, and where they go in a document."""
+"""The benchmark's tables as Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
-
-from hbbatch.dataset import write_aside
-from hbbatch.errors import UsageError
-
-BEGIN: Final = "<!-- hbbatch bench: begin -->"
-END: Final = "<!-- hbbatch bench: end -->"
 
 
 @dataclass(frozen=True)
@@ -27,31 +19,6 @@ class Table:
 def as_markdown(tables: Sequence[Table]) -> str:
     """A section for each table."""
     return "\n".join(_section(table) for table in tables)
-
-
-def write_markdown(path: Path, tables: Sequence[Table]) -> None:
-    """Replace what stands between the markers of a document.
-
-    Raises:
-        UsageError: the document is missing or has no markers.
-    """
-    before, after = around_tables(path)
-    with write_aside(path) as aside:
-        aside.write_text(f"{before}{BEGIN}\n{as_markdown(tables)}\n{END}{after}")
-
-
-def around_tables(path: Path) -> tuple[str, str]:
-    """What stands before and behind the markers of a document.
-
-    Raises:
-        UsageError: the document is missing or has no markers.
-    """
-    text = path.read_text() if path.is_file() else ""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise UsageError(f"{path}: no lines {BEGIN!r} and {END!r} to write between.")
-    return before, after
 
 
 def _section(table: Table) -> str:

@@ -1,12 +1,9 @@
-"""What a study measured, as Markdown tables, and where they go."""
+"""What a study measured, as Markdown tables."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
-from hbbatch.dataset import write_aside
-from hbbatch.errors import ConfigError
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.runner.study import StudyReport
@@ -15,36 +12,6 @@ from hbbatch.runner.study_bounds import Errors
 _Key = tuple[str, str | int, str | int, str | int]
 _Measured = tuple[_Key, int, tuple[float, ...]]
 """What was measured, on how many boxes, and the values."""
-
-
-def put_into_page(page: Path, study_name: str, tables: str) -> None:
-    """Write tables between a study's markers in a Markdown page; a new page gets both.
-
-    Raises:
-        ConfigError: the page exists and has no such markers.
-    """
-    before, first, last, after = _parts(page, study_name)
-    with write_aside(page) as aside:
-        aside.write_text(f"{before}{first}\n\n{tables}\n{last}{after}")
-
-
-def check_page(page: Path, study_name: str) -> None:
-    """Whether tables could be written there.
-
-    Raises:
-        ConfigError: the page exists and has no markers of the study.
-    """
-    _parts(page, study_name)
-
-
-def _parts(page: Path, study_name: str) -> tuple[str, str, str, str]:
-    """What stands before a study's tables, its markers, and what stands behind."""
-    first, last = f"<!-- study: {study_name} -->", f"<!-- end of study: {study_name} -->"
-    text = page.read_text() if page.exists() else f"{first}\n{last}\n"
-    if first not in text or last not in text:
-        raise ConfigError(f"{page}: holds no lines {first!r} and {last!r}. Add both to the page.")
-    before, _, rest = text.partition(first)
-    return before, first, last, rest.partition(last)[2]
 
 
 def markdown(report: StudyReport) -> str:

@@ -27,8 +27,9 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from hbbatch.cli.main import use_small_pages
-from hbbatch.runner.bench_report import Table, as_markdown, write_markdown
+from hbbatch.runner.bench_report import Table, as_markdown
 from hbbatch.runner.ingest import ingest
+from hbbatch.runner.pages import bench_page
 from tests import logs
 from tests.benchmarks.ingest_split import split
 
@@ -254,6 +255,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--slow-rounds", type=int, default=2, help="of mcap-ros2-support")
     parser.add_argument("--markdown", type=Path, help="document to write the tables into")
     asked = parser.parse_args(arguments)
+    if asked.markdown:
+        bench_page(asked.markdown).check()
     use_small_pages()  # in all processes that are measured, as the command line does
     with tempfile.TemporaryDirectory() as folder:
         path = write_detections(Path(folder) / "drive.mcap", asked.messages)
@@ -262,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tables += [memory_table(write_clouds(Path(folder) / "clouds.mcap", asked.gigabytes))]
     print(as_markdown(tables))
     if asked.markdown:
-        write_markdown(asked.markdown, tables)
+        bench_page(asked.markdown).put(as_markdown(tables))
 
 
 if __name__ == "__main__":

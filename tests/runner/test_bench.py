@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from hbbatch.config import TrackSettings
-from hbbatch.errors import UsageError
 from hbbatch.runner import bench as bench_module
 from hbbatch.runner.bench import BenchRequest, bench, synthetic_crowd
-from hbbatch.runner.bench_report import BEGIN, END, Table, as_markdown, write_markdown
+from hbbatch.runner.bench_report import Table, as_markdown
 from tests.runner.small_dataset import make_dataset
-
-DOCUMENT = f"# Speed\n\nHow.\n\n{BEGIN}\nold figures\n{END}\n\nWhy.\n"
 
 
 def test_every_table_is_measured_and_nothing_is_left_behind(
@@ -52,19 +49,8 @@ def test_a_crowd_keeps_its_density() -> None:
         assert area / tracks == pytest.approx(100, rel=0.5)
 
 
-def test_figures_replace_what_stands_between_the_markers(tmp_path: Path) -> None:
-    path = tmp_path / "performance.md"
-    path.write_text(DOCUMENT)
+def test_tables_are_sections_of_markdown() -> None:
     table = Table("This core", ("figure", "value"), [("rate", "1")], "A note.")
-    write_markdown(path, [table])
-    text = path.read_text()
-    assert "old figures" not in text
-    assert text.startswith("# Speed\n\nHow.")
-    assert text.endswith("Why.\n")
-    assert as_markdown([table]) in text
-    assert "| rate | 1 |" in text
-
-
-def test_a_document_without_markers_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="to write between"):
-        write_markdown(tmp_path / "missing.md", [])
+    assert as_markdown([table]).strip() == (
+        "### This core\n\n| figure | value |\n| --- | ---: |\n| rate | 1 |\n\nA note."
+    )

@@ -10,7 +10,7 @@ from hbbatch.config import TrainSettings
 from hbbatch.errors import ConfigError, DatasetError, WeightsError
 from hbbatch.runner.study import run_study
 from hbbatch.runner.study_file import load_study
-from hbbatch.runner.study_tables import markdown, put_into_page
+from hbbatch.runner.study_tables import markdown
 from hbbatch.runner.train import train
 from tests.tracking.real_drives import few_drives
 
@@ -136,20 +136,6 @@ def test_too_many_folds_are_refused(test_data: Path, tmp_path: Path) -> None:
     file = study_file(tmp_path, few_drives(test_data, "0000", "0003").root, "  - {name: a}", 40)
     with pytest.raises(DatasetError, match="too few for 40 folds"):
         run_study(load_study(file))
-
-
-def test_tables_go_between_their_markers(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    put_into_page(page, "a.yaml", "| old |")
-    page.write_text(f"# Title\n\n{page.read_text()}\nThe end.\n")
-    put_into_page(page, "a.yaml", "| new |")
-    text = page.read_text()
-    assert "| new |" in text
-    assert "| old |" not in text
-    assert text.startswith("# Title")
-    assert text.endswith("The end.\n")
-    with pytest.raises(ConfigError, match="holds no lines"):
-        put_into_page(page, "b.yaml", "| new |")
 
 
 @pytest.mark.parametrize("name", sorted(p.stem for p in STUDIES.glob("*.yaml")))
