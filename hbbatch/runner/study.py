@@ -55,6 +55,7 @@ from hbbatch.runner.labelled import (
     labelled_sequences,
 )
 from hbbatch.runner.study_bounds import (
+    DenseWindows,
     Errors,
     dense_by_name,
     posterior_errors,
@@ -150,6 +151,13 @@ def _check_there(roots: Iterable[Path]) -> None:
         Dataset.open(root)
 
 
+class _Labelled(NamedTuple):
+    """By dataset the labelled sequences that are not held out, and those that are."""
+
+    used: dict[str, LabelledSequences]
+    held_out: dict[str, LabelledSequences]
+
+
 class _Judged(NamedTuple):
     """What a filter is worth on what was held out, and how large it is."""
 
@@ -164,6 +172,7 @@ class _Judge:
 
     Attributes:
         judged: what weights are worth, by their path and the fold held out.
+        dense: what posteriors are judged on, by the fold held out.
     """
 
     study: StudySettings
@@ -173,6 +182,7 @@ class _Judge:
     progress: Progress
     report: StudyReport = field(default_factory=StudyReport)
     judged: dict[tuple[Any, ...], _Judged] = field(default_factory=dict)
+    dense: dict[tuple[str, ...], DenseWindows] = field(default_factory=dict)
 
     def run(self, variant: Variant, seed: int) -> None:
         """Train on all folds but one, track that one, in turn; score all folds together."""
@@ -192,17 +202,23 @@ class _Judge:
     def bounds(self) -> None:
         """Note what detections and the smoothers that suit them best are off."""
         for fold in self.folds:
-            known, judged = self._labelled(fold)
-            errors = smoother_errors(dense_by_name(known), dense_by_name(judged))
+            errors = smoother_errors(dense_by_name(self._labelled(fold).used), self._dense(fold))
             for name, by_dataset in errors.items():
                 self.report.dense.setdefault(name, []).append(by_dataset)
 
-    def _labelled(
-        self, fold: Sequence[str]
-    ) -> tuple[dict[str, LabelledSequences], dict[str, LabelledSequences]]:
-        """By dataset the labelled sequences that are not held out, and those that are."""
+    def _dense(self, fold: Sequence[str]) -> DenseWindows:
+        """Of the sequences that are held out."""
+        key = tuple(fold)
+        if key not in self.dense:
+            self.dense[key] = dense_by_name(self._labelled(fold).held_out)
+        return self.dense[key]
+
+    def _labelled(self, fold: Sequence[str]) -> _Labelled:
         parts = {n: labelled_sequences([r]).split(fold) for n, r in self.study.datasets.items()}
-        return {n: used for n, (used, _) in parts.items()}, {n: h for n, (_, h) in parts.items()}
+        return _Labelled(
+            {name: used for name, (used, _) in parts.items()},
+            {name: held_out for name, (_, held_out) in parts.items()},
+        )
 
     def _tracked(
         self, variant: Variant, weights: Path, protocol: ProtocolName, fold: Sequence[str]
@@ -260,7 +276,7 @@ class _Judge:
         _, held_out = labelled_sequences(list(self.study.datasets.values())).split(fold)
         file = open_weights(variant.filter, str(path), None)
         motion = build_loaded(file)
-        dense = posterior_errors(motion, dense_by_name(self._labelled(fold)[1]))
+        dense = posterior_errors(motion, self._dense(fold))
         return _Judged(judged(motion, held_out), dense, file.header.about.get("parameters", 0))
 
 

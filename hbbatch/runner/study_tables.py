@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
@@ -12,6 +13,8 @@ from hbbatch.runner.study_bounds import Errors
 _Key = tuple[str, str | int, str | int, str | int]
 _Measured = tuple[_Key, int, tuple[float, ...]]
 """What was measured, on how many boxes, and the values."""
+_Row = tuple[str, Callable[[list[float]], str]]
+"""First cells of a row, and what its other cells show of the values."""
 
 
 def markdown(report: StudyReport) -> str:
@@ -44,53 +47,62 @@ def _score_lines(report: StudyReport) -> list[str]:
 
 def _error_lines(report: StudyReport) -> list[str]:
     """Plan-view errors, metres; folds weighted by their boxes."""
-    names = list(report.errors)
-    lines = [
-        f"| kind | every k-th frame | age | frames ahead | {' | '.join(names)} |",
-        "|---|---|---|---|" + "---|" * len(names),
-    ]
-    pooled = {name: _pooled(_errors(folds)) for name, folds in report.errors.items()}
-    for key in pooled[names[0]] if names else ():
+
+    def rows(key: _Key) -> Iterator[_Row]:
         kind, stride, age, ahead = key
-        values = " | ".join(
-            f"{pooled[name][key][0]:.3f}" if key in pooled[name] else "" for name in names
-        )
-        lines.append(f"| {kind} | {stride} | {age} | {ahead or 'posterior'} | {values} |")
-    return lines
+        yield f"{kind} | {stride} | {age} | {ahead or 'posterior'}", lambda v: f"{v[0]:.3f}"
+
+    pooled = {name: _pooled(_errors(folds)) for name, folds in report.errors.items()}
+    return _side_by_side("kind | every k-th frame | age | frames ahead", pooled, rows)
 
 
 def _dense_lines(report: StudyReport) -> list[str]:
     """Errors of posteriors, detections and smoothed detections, metres."""
-    names = list(report.dense)
-    lines = [
-        f"| detections | vehicles without a gap, error | {' | '.join(names)} |",
-        "|---|---|" + "---|" * len(names),
-    ]
-    pooled = {name: _pooled(_dense_errors(folds)) for name, folds in report.dense.items()}
-    for key in pooled[names[0]] if names else ():
+
+    def rows(key: _Key) -> Iterator[_Row]:
         for place, axis in enumerate(("seen from above", "along", "across", "up")):
-            values = " | ".join(
-                f"{pooled[name][key][place]:.4f}" if key in pooled[name] else "" for name in names
-            )
-            lines.append(f"| {key[0]} | {axis} | {values} |")
-    return lines
+            yield f"{key[0]} | {axis}", partial(_value, place)
+
+    pooled = {name: _pooled(_dense_errors(folds)) for name, folds in report.dense.items()}
+    return _side_by_side("detections | vehicles without a gap, error", pooled, rows)
 
 
 def _calibration_lines(report: StudyReport) -> list[str]:
     """Mean square of errors over their variance, and shares within the 50, 90, 99 % intervals."""
-    names = list(report.calibration)
-    lines = [
-        f"| kind | error | axis | {' | '.join(names)} |",
-        "|---|---|---|" + "---|" * len(names),
-    ]
-    pooled = {name: _pooled(_calibrations(folds)) for name, folds in report.calibration.items()}
-    for key in pooled[names[0]] if names else ():
+
+    def rows(key: _Key) -> Iterator[_Row]:
         kind, checked, axis, _ = key
-        values = " | ".join(
-            _calibrated(pooled[name][key]) if key in pooled[name] else "" for name in names
-        )
-        lines.append(f"| {kind} | {checked} | {axis} | {values} |")
+        yield f"{kind} | {checked} | {axis}", _calibrated
+
+    pooled = {name: _pooled(_calibrations(folds)) for name, folds in report.calibration.items()}
+    return _side_by_side("kind | error | axis", pooled, rows)
+
+
+def _side_by_side(
+    head: str,
+    pooled: Mapping[str, dict[_Key, list[float]]],
+    rows: Callable[[_Key], Iterable[_Row]],
+) -> list[str]:
+    """A table with a column a variant, empty where nothing was measured for it.
+
+    Args:
+        head: titles of the cells before.
+        pooled: by variant, what was measured.
+        rows: of a key: cells before, and what is shown of the values.
+    """
+    lines = [
+        f"| {head} | {' | '.join(pooled)} |",
+        "|" + "---|" * (head.count("|") + 1 + len(pooled)),
+    ]
+    for key in next(iter(pooled.values()), {}):
+        for cells, show in rows(key):
+            values = (show(found[key]) if key in found else "" for found in pooled.values())
+            lines.append(f"| {cells} | {' | '.join(values)} |")
     return lines
+
+
+def _value(place: int, values: list[float]) -> str:
+    return f"{values[place]:.4f}"
 
 
 def _calibrated(values: list[float]) -> str:
