@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -112,6 +113,15 @@ def test_an_unknown_sequence_is_a_usage_error(tmp_path: Path) -> None:
     assert result.exception.exit_status == 2
 
 
+@pytest.fixture
+def _interruptible() -> Iterator[None]:
+    """Processes started now heed Ctrl-C, also where this one was started in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_interruptible")
 def test_ctrl_c_ends_quietly_with_130_and_leaves_no_half_written_file(tmp_path: Path) -> None:
     make_dataset(tmp_path, "a", "b", "c", frames=30_000)
     arguments = ["track", "-d", str(tmp_path), "--filter", "kalman", "--workers", "2"]

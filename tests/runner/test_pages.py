@@ -34,8 +34,6 @@ def test_a_page_of_something_else_is_refused_and_stays(tmp_path: Path) -> None:
     study_page(page.path, "b.yaml").put("| other |")
     before = page.path.read_text()
     for attempt in (page.check, lambda: page.put("| new |")):
-        with pytest.raises(
-            ConfigError, match=r"holds no lines '<!-- study: a\.yaml -->'"
-        ):
+        with pytest.raises(ConfigError, match=r"holds no lines '<!-- study: a\.yaml -->'"):
             attempt()
     assert page.path.read_text() == before
