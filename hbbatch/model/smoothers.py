@@ -1,10 +1,10 @@
-"""What smoothing can take off detections at best: a bound on the posteriors of any filter.
+"""What linear smoothing takes off detections when it is fitted to labels: a yardstick for filters.
 
 A linear smoother moves a detection's centre by a weighted sum of where the object's other
 detections lie. Its weights are fitted to labels by least absolute error, which no filter is given:
-they know the detector's errors, however long these last, and the ego pose's. A filter that learned
-to average as well as possible comes near the causal one; one with a posterior far below the other,
-which sees as much of the future, would know what is not in the detections.
+they know the detector's errors, however long these last, and the ego pose's. They are the same for
+all objects, so a filter that tells these apart can do better; what it gets beyond the smoother that
+sees as much of the future as of the past has to come from there, not from averaging.
 """
 
 from __future__ import annotations

@@ -54,14 +54,14 @@ from hbbatch.runner.labelled import (
     judged,
     labelled_sequences,
 )
-from hbbatch.runner.study_bounds import (
+from hbbatch.runner.study_file import StudySettings, Variant
+from hbbatch.runner.study_smoothers import (
     DenseWindows,
     Errors,
     dense_by_name,
     posterior_errors,
     smoother_errors,
 )
-from hbbatch.runner.study_file import StudySettings, Variant
 from hbbatch.runner.study_weights import StudyWeights
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.engine import Tracker
@@ -93,7 +93,7 @@ class StudyReport:
             kind.
         calibration: whether covariances are right there, by variant as above.
         dense: posterior errors of each variant on tracks without a gap, an entry a fold and seed,
-            each by dataset; then those of detections and of the best smoothers, an entry a fold.
+            each by dataset; then those of detections and of fitted smoothers, an entry a fold.
         parameters: of each variant's filter.
     """
 
@@ -141,7 +141,7 @@ def run_study(
         for seed in study.seeds:
             for variant in study.variants:
                 judge.run(variant, seed)
-        judge.bounds()
+        judge.smoothers()
     return judge.report
 
 
@@ -199,8 +199,8 @@ class _Judge:
                 row = StudyRow(variant.name, name, protocol, seed, class_name, of_class.combined)
                 self.report.rows.append(row)
 
-    def bounds(self) -> None:
-        """Note what detections and the smoothers that suit them best are off."""
+    def smoothers(self) -> None:
+        """Note what detections and smoothers fitted to them are off."""
         for fold in self.folds:
             errors = smoother_errors(dense_by_name(self._labelled(fold).used), self._dense(fold))
             for name, by_dataset in errors.items():

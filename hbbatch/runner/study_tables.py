@@ -8,7 +8,7 @@ from functools import partial
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.runner.study import StudyReport
-from hbbatch.runner.study_bounds import Errors
+from hbbatch.runner.study_smoothers import Errors
 
 _Key = tuple[str, str | int, str | int, str | int]
 _Measured = tuple[_Key, int, tuple[float, ...]]
@@ -18,7 +18,7 @@ _Row = tuple[str, Callable[[list[float]], str]]
 
 
 def markdown(report: StudyReport) -> str:
-    """The report as Markdown tables: scores, filter errors, bounds on them, calibration."""
+    """The report as Markdown tables: scores, filter errors, fitted smoothers, calibration."""
     tables = (
         _score_lines(report),
         _error_lines(report),

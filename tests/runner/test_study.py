@@ -49,7 +49,7 @@ def test_a_study_judges_every_variant_on_every_labelled_sequence(
     assert "| virconv | seen from above |" in tables
     assert "| vehicle | innovation | across |" in tables
     dense = {name: [e["virconv"] for e in folds] for name, folds in report.dense.items()}
-    assert list(dense)[-3:] == ["detections", "best causal smoother", "best two-sided smoother"]
+    assert list(dense)[-3:] == ["detections", "fitted causal smoother", "fitted two-sided smoother"]
     assert len({tuple(e.count for e in folds) for folds in dense.values()}) == 1
 
 

@@ -1,4 +1,4 @@
-"""Posteriors on dense tracks next to what the best smoothers of the same detections get."""
+"""Posteriors on dense tracks next to what fitted smoothers of the same detections get."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from hbbatch.runner.labelled import LabelledSequences
 _VEHICLE = KINDS.index("vehicle")
 _FRAMES = 2 * SIDE_FRAMES + 1
 
-SMOOTHERS: Final = {"best causal smoother": CAUSAL, "best two-sided smoother": TWO_SIDED}
+SMOOTHERS: Final = {"fitted causal smoother": CAUSAL, "fitted two-sided smoother": TWO_SIDED}
 
 DenseWindows = dict[str, Windows]
 """Of the vehicles of each dataset that has any which are detected frame by frame."""
@@ -57,7 +57,7 @@ def posterior_errors(motion: MotionFilter, judged: DenseWindows) -> Errors:
 
 
 def smoother_errors(known: DenseWindows, judged: DenseWindows) -> dict[str, Errors]:
-    """Of the detections themselves, and of the smoothers that suit each dataset best.
+    """Of the detections themselves, and of smoothers fitted to each dataset.
 
     Args:
         known: what smoothers are fitted to.
