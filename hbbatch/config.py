@@ -145,7 +145,8 @@ class OutputSettings(Settings):
 
     `online` is causal: a box is final when its frame is processed; coasted boxes are marked.
     `gap_filled` is the published protocol: gaps are interpolated, predictions after the last
-    detection are cut. On top of it, tracks begin up to `lead_in_s` before their first detection.
+    detection are cut. On top of it, boxes are smoothed with what came before and after them, and
+    tracks begin up to `lead_in_s` before their first detection.
     """
 
     protocol: ProtocolName = "gap_filled"
@@ -175,6 +176,12 @@ class OutputSettings(Settings):
         ge=0,
         description="online: predictions said after so many misses in a row at most, "
         "those judged likely right",
+    )
+    smoothing_s: float = Field(
+        1.5,
+        ge=0,
+        description="gap_filled: how far away in time detections may be that centres and headings "
+        "are smoothed with; 0: these stay as the filter has them",
     )
     lead_in_s: float = Field(
         1.0,

@@ -147,6 +147,17 @@ def reset_memory(gates: Single, remembered: Single, candidate: Single, /) -> Non
 def mix_memory(gates: Single, candidate: Single, features: Single, /) -> None:
     """Memory, which the features begin with, is kept where the second gates say; else candidate."""
 
+def local_fit(
+    owner: IntArray,
+    time_s: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    fitted: FloatArray,
+    reach_s: float,
+    /,
+) -> None:
+    """`tracking.local_fit.local_fit` into `fitted`, shaped like the values."""
+
 def lines(
     frame_index: IntArray,
     track_id: IntArray,

@@ -1,4 +1,4 @@
-"""What an offline processor does after a sequence: settle sizes, fill gaps, choose boxes."""
+"""What an offline processor does after a sequence: fill gaps, settle boxes, choose them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
+from hbbatch.boxes import YAW, FloatArray, wrap_angle
 from hbbatch.config import OutputSettings, ScoreCut
 from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.evidence import TrackScore, evidence_of, score_of_track, score_so_far
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.lead_in import add_lead_ins
+from hbbatch.tracking.smoothing import settle_sizes, smoothed
 from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
@@ -41,7 +42,8 @@ def refine(
         kept = _convincing(score, output.min_detections, least)
         return _likely(tracks, kept, score, frames, output, class_names)
     chosen = tracks.take(_convincing(score_of_track(tracks), output.min_detections, least))
-    filled = fill_gaps(settle_sizes(chosen), frames)
+    filled = fill_gaps(settle_sizes(chosen, frames, class_names), frames)
+    filled = smoothed(filled, frames, output.smoothing_s)
     filled = add_lead_ins(filled, frames.timestamp_ns, output.lead_in_s)
     kept = np.ones(len(filled.track_id), bool)
     return _likely(filled, kept, score_of_track(filled), frames, output, class_names)
@@ -86,20 +88,6 @@ def _least_by_class(cut: ScoreCut, class_names: Sequence[str]) -> FloatArray:
     if isinstance(cut, dict):
         return np.array([cut.get(name, NO_SCORE) for name in class_names])
     return np.full(len(class_names), NO_SCORE if cut is None else cut)
-
-
-def settle_sizes(tracks: SequenceTracks) -> SequenceTracks:
-    """Every box of a track gets the track's median length, width and height: objects are rigid."""
-    boxes = tracks.boxes.copy()
-    _, track, count = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
-    first = np.cumsum(count) - count
-    track = track.astype(np.min_scalar_type(len(count)))  # few bits are sorted in one pass
-    for column in range(LENGTH, HEIGHT + 1):
-        rising = boxes[:, column].argsort()
-        ranked = boxes[rising[track[rising].argsort(kind="stable")], column]
-        median = 0.5 * (ranked[first + (count - 1) // 2] + ranked[first + count // 2])
-        boxes[:, column] = median[track]
-    return replace(tracks, boxes=boxes)
 
 
 def fill_gaps(tracks: SequenceTracks, frames: SequenceFrames) -> SequenceTracks:

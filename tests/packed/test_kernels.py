@@ -121,7 +121,7 @@ NAMES = (
 
 def test_all_are_listed(kernels: ModuleType) -> None:
     assert tuple(calls(kernels)) == NAMES
-    assert {name.partition(" ")[0] for name in NAMES} | {"match", "lines"} == {
+    assert {name.partition(" ")[0] for name in NAMES} | {"match", "lines", "local_fit"} == {
         name for name in vars(kernels) if not name.startswith("_")
     }
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hbbatch.config import OutputSettings, ScoreScale
 from hbbatch.tracking.evidence import score_so_far
-from hbbatch.tracking.refine import fill_gaps, refine, settle_sizes
+from hbbatch.tracking.frames import SequenceFrames
+from hbbatch.tracking.refine import fill_gaps, refine
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 from tests.tracking.drives import sequence
 
@@ -28,6 +29,11 @@ def tracks(rows: list[tuple[int, int, float, list[float]]]) -> SequenceTracks:
         velocity_m_s=np.zeros((count, 3)),
         detection_row=np.arange(count),
     )
+
+
+def where_found(given: SequenceTracks, frame_count: int) -> SequenceFrames:
+    """A sequence in which the boxes of `tracks` were detected as they are."""
+    return replace(sequence([[]] * frame_count), boxes=given.boxes, sight_m=given.boxes[:, :3])
 
 
 def box(x: float, yaw: float = 0.0, length: float = 4.0) -> list[float]:
@@ -53,29 +59,11 @@ def test_filling_does_not_bridge_two_tracks() -> None:
     assert len(fill_gaps(given, sequence([[]] * 5)).track_id) == 2
 
 
-def test_sizes_become_the_median_of_the_track() -> None:
-    rows = [(f, 1, 1.0, box(0, length=length)) for f, length in enumerate([4.0, 4.2, 9.0])]
-    rows.append((0, 2, 1.0, box(5, length=7.0)))
-    settled = settle_sizes(tracks(rows))
-    assert settled.boxes[:, 3].tolist() == [4.2, 4.2, 4.2, 7.0]
-
-
-@given(st.lists(st.tuples(st.integers(1, 4), st.floats(0.5, 20.0)), max_size=30))
-def test_sizes_are_numpys_medians(rows: list[tuple[int, float]]) -> None:
-    boxes = [(f, track, 1.0, box(0, length=length)) for f, (track, length) in enumerate(rows)]
-    unsettled = tracks(boxes) if boxes else SequenceTracks.empty()
-    settled = settle_sizes(unsettled)
-    for number in range(1, 5):
-        mine = unsettled.track_id == number
-        if mine.any():
-            assert (settled.boxes[mine, 3] == np.median(unsettled.boxes[mine, 3])).all()
-
-
 def test_short_and_low_scored_tracks_are_left_out() -> None:
     given = tracks(
         [(0, 1, 0.9, box(0)), (1, 1, 0.1, box(0)), (0, 2, 0.3, box(5)), (1, 3, 2.0, box(9))]
     )
-    frames = sequence([[]] * 2)
+    frames = where_found(given, 2)
     kept = refine(given, frames, OutputSettings(min_detections=2), ["car"]).tracks
     assert set(kept.track_id) == {1}
     done = refine(given, frames, OutputSettings(min_track_score=0.5), ["car"])
@@ -113,12 +101,13 @@ def test_boxes_are_dropped_where_the_track_is_unlikely_to_have_its_object() -> N
     """Twenty frames of strong scores, then twenty of very weak ones."""
     rows = [(f, 1, 5.0 if f < 20 else -9.0, box(f)) for f in range(40)]
     judging = OutputSettings(score_scale={"car": ScoreScale(typical=3.0, strong=5.0)})
-    done = refine(tracks(rows), sequence([[]] * 40), judging, ["car"])
+    given = tracks(rows)
+    done = refine(given, where_found(given, 40), judging, ["car"])
     assert done.tracks.frame_index.tolist() == list(range(done.tracks.frame_index[-1] + 1))
     assert 17 <= done.tracks.frame_index[-1] < 20
     assert (done.confidence >= 0.5).all()
     everything = judging.model_copy(update={"min_confidence": 0.0})
-    judged = refine(tracks(rows), sequence([[]] * 40), everything, ["car"])
+    judged = refine(given, where_found(given, 40), everything, ["car"])
     assert len(judged.confidence) == 40
     assert judged.confidence[10] > 0.9
     assert judged.confidence[30] < 0.1
@@ -130,7 +119,7 @@ def test_classes_without_a_score_scale_are_written_unjudged(protocol: str) -> No
     given = type(given)(**{**vars(given), "class_code": np.array([0, 1])})
     scale = {"car": {"typical": 3.0, "strong": 5.0}}
     output = OutputSettings.model_validate({"protocol": protocol, "score_scale": scale})
-    done = refine(given, sequence([[]]), output, ["car", "pedestrian"])
+    done = refine(given, where_found(given, 1), output, ["car", "pedestrian"])
     assert done.tracks.track_id.tolist() == [2]
     assert np.isnan(done.confidence).all()
 
@@ -140,7 +129,8 @@ def test_cuts_can_differ_by_class() -> None:
     given = type(given)(**{**vars(given), "class_code": np.array([0, 1, 2])})
     chosen = OutputSettings(min_track_score={"car": 2.0, "pedestrian": 0.5})
     names = ["car", "pedestrian", "cyclist"]
-    assert refine(given, sequence([[]]), chosen, names).tracks.track_id.tolist() == [2, 3]
+    done = refine(given, where_found(given, 1), chosen, names)
+    assert done.tracks.track_id.tolist() == [2, 3]
 
 
 def predicted(state: TrackState) -> SequenceTracks:
@@ -168,7 +158,7 @@ def test_predictions_are_written_only_where_they_are_judged_likely() -> None:
 
 def test_interpolated_boxes_are_written_unjudged_as_well() -> None:
     given = tracks([(0, 1, 1.0, box(0)), (4, 1, 1.0, box(8))])
-    done = refine(given, sequence([[]] * 5), OutputSettings(), ["car"])
+    done = refine(given, where_found(given, 5), OutputSettings(), ["car"])
     assert len(done.tracks.track_id) == 5
     assert np.isnan(done.confidence).all()
 
@@ -176,11 +166,12 @@ def test_interpolated_boxes_are_written_unjudged_as_well() -> None:
 def test_tracks_begin_before_their_first_detection_where_that_is_likely() -> None:
     rows = [(f, 1, 6.0, box(70.0 - f)) for f in range(10, 40)]
     scale = {"car": ScoreScale(typical=3.0, strong=5.0)}
-    frames = sequence([[]] * 40)
-    done = refine(tracks(rows), frames, OutputSettings(score_scale=scale), ["car"])
+    given = tracks(rows)
+    frames = where_found(given, 40)
+    done = refine(given, frames, OutputSettings(score_scale=scale), ["car"])
     before = done.tracks.take(done.tracks.frame_index < 10)
     assert 0 < len(before.track_id) <= 10
     assert set(before.state.tolist()) == {TrackState.EXTRAPOLATED}
     assert before.boxes[:, 0] == pytest.approx(70.0 - before.frame_index)
     none = OutputSettings(score_scale=scale, lead_in_s=0.0)
-    assert refine(tracks(rows), frames, none, ["car"]).tracks.frame_index.min() == 10
+    assert refine(given, frames, none, ["car"]).tracks.frame_index.min() == 10

@@ -18,6 +18,7 @@ static PyMethodDef methods[] = {
     METHOD(reset_memory),
     METHOD(mix_memory),
     METHOD(lines),
+    METHOD(local_fit),
     {NULL, NULL, 0, NULL},
 };
 
