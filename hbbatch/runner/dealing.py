@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 from hbbatch.tracking.schedule import DETECTIONS_PER_STEP
 
@@ -134,49 +134,27 @@ def _cut(ordered: Sequence[SequenceJob], limit_us: float) -> Iterator[Group]:
 
 def _first(ordered: Sequence[SequenceJob], limit_us: float) -> Group:
     """The first sequences whose effort stays within a limit, one at least."""
-    effort = _NO_EFFORT
-    for number, job in enumerate(ordered):
-        effort = effort.with_job(job)
-        if number and effort.total_us > limit_us:
+    for number, effort_us in enumerate(_running_effort_us(ordered)):
+        if number and effort_us > limit_us:
             return tuple(ordered[:number])
     return tuple(ordered)
 
 
 def _effort_us(group: Sequence[SequenceJob]) -> int:
-    effort = _NO_EFFORT
+    """What a group costs, the longest sequence of which comes first."""
+    return max(_running_effort_us(group), default=0)
+
+
+def _running_effort_us(group: Sequence[SequenceJob]) -> Iterator[int]:
+    """What the sequences so far cost a worker that takes them in parts, one value a sequence."""
+    effort_us = of_parts_before_us = sequences = detections = longest = 0
     for job in group:
-        effort = effort.with_job(job)
-    return effort.total_us
-
-
-class _Effort(NamedTuple):
-    """What a group costs that a worker takes in parts.
-
-    Attributes:
-        full_us: of the parts before the last.
-        sequences, detections: of the last part.
-        longest: frames of its longest sequence, which comes first.
-    """
-
-    full_us: int = 0
-    sequences: int = 0
-    detections: int = 0
-    longest: int = 0
-
-    def with_job(self, job: SequenceJob) -> _Effort:
-        """With a sequence more."""
-        detections = self.detections + job.detections
-        if self.sequences and detections > MAX_PART_DETECTIONS:
-            return _Effort(self.total_us, 1, job.detections, job.frames)
-        longest = max(self.longest, job.frames)
-        return _Effort(self.full_us, self.sequences + 1, detections, longest)
-
-    @property
-    def total_us(self) -> int:
-        """Of all parts."""
-        steps = max(self.longest, self.detections // DETECTIONS_PER_STEP)
-        last_us = _STEP_US * steps + _DETECTION_US * self.detections
-        return self.full_us + last_us + _SEQUENCE_US * self.sequences
-
-
-_NO_EFFORT: Final = _Effort()
+        if sequences and detections + job.detections > MAX_PART_DETECTIONS:
+            of_parts_before_us, sequences, detections, longest = effort_us, 0, 0, 0
+        sequences += 1
+        detections += job.detections
+        longest = max(longest, job.frames)
+        steps = max(longest, detections // DETECTIONS_PER_STEP)
+        of_part_us = _STEP_US * steps + _DETECTION_US * detections + _SEQUENCE_US * sequences
+        effort_us = of_parts_before_us + of_part_us
+        yield effort_us
