@@ -48,9 +48,14 @@ class AssociationSettings(Settings):
 class ManagementSettings(Settings):
     """When tracks begin and end (paper, section III-E)."""
 
-    max_misses: int = Field(22, ge=1, description="a track dies after so many misses (μ_max)")
+    max_misses: int = Field(
+        22, ge=1, le=1_000_000, description="a track dies after so many misses (μ_max)"
+    )
     max_misses_unconfirmed: int = Field(
-        5, ge=1, description="a track never matched after its birth dies after so many steps (σ)"
+        5,
+        ge=1,
+        le=1_000_000,
+        description="a track never matched after its birth dies after so many steps (σ)",
     )
 
 
@@ -203,7 +208,9 @@ class TrackSettings(Settings):
     weights: str | None = Field(
         None, description="shipped name or path of a .safetensors; default by filter"
     )
-    classes: tuple[str, ...] | None = Field(None, description="default: all the weights know")
+    classes: tuple[str, ...] | None = Field(
+        None, min_length=1, description="default: all the weights know"
+    )
     min_score: float | None = Field(None, description="detections scored lower are ignored")
     association: AssociationSettings = AssociationSettings()
     management: ManagementSettings = ManagementSettings()
@@ -276,7 +283,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
         content = yaml.safe_load(path.read_text())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}). Check the path.") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid YAML ({' '.join(str(error).split())}).") from error
     if content is None:
         return {}

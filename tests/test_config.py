@@ -137,3 +137,23 @@ def test_an_empty_file_holds_no_settings(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.touch()
     assert load_yaml(path) == {}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"classes": []},
+        {"management": {"max_misses": 10**18}},
+        {"management": {"max_misses": 10**30}},
+    ],
+)
+def test_settings_that_cannot_be_meant_are_refused(content: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match=r"^c\.yaml: (classes|management\.max_misses): "):
+        validate(TrackSettings, content, "c.yaml")
+
+
+def test_yaml_beyond_all_depth_is_no_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "deep.yaml"
+    path.write_text("[" * 3000)
+    with pytest.raises(ConfigError, match="not valid YAML"):
+        load_yaml(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -48,3 +49,39 @@ def write_unflushed(path: Path) -> Iterator[Path]:
 def _flush(path: Path) -> None:
     with path.open("rb+") as file:
         os.fsync(file.fileno())
+
+
+@contextmanager
+def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
+    """Let one process at a time change what a folder holds; the folder is made if need be.
+
+    Args:
+        folder: which.
+        wait: for a process that has it already.
+
+    Raises:
+        DatasetError: the folder cannot be made or locked, or another process has it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise DatasetError(
+            f"{folder}: cannot be written ({error.strerror or error}). "
+            "Check the folder's permissions and free space, or choose another place."
+        ) from error
+    try:
+        _lock(handle, folder, wait)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int, folder: Path, wait: bool) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError as error:
+        why = "another hbbatch is writing there" if isinstance(error, BlockingIOError) else error
+        raise DatasetError(
+            f"{folder}: cannot be locked ({why}). Try again when it is free."
+        ) from error

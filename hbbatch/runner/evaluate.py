@@ -25,6 +25,7 @@ from hbbatch.model.weights_files import read_header, weights_path
 from hbbatch.projection import Camera
 from hbbatch.runner.class_names import recorded_names
 from hbbatch.runner.manifest import read_manifest
+from hbbatch.runner.plan import read_status
 
 
 @dataclass(frozen=True)
@@ -157,8 +158,14 @@ def _read_sequences(
 ) -> tuple[dict[str, _Sequence], dict[str, str]]:
     """Inputs by sequence id, and the reason by the id of each that cannot be read."""
     inputs, failed = {}, {}
+    replaced = _replaced(dataset, run)
     for sequence_id in ids:
         try:
+            if sequence_id in replaced:
+                raise SequenceError(
+                    f"sequence {sequence_id}: ingested again since run {run.name} tracked it. "
+                    "Run `hbbatch track`."
+                )
             inputs[sequence_id] = _read_sequence(dataset, run, sequence_id)
         except HbbatchError as error:
             failed[sequence_id] = str(error)
@@ -170,8 +177,22 @@ def _read_sequences(
     return inputs, failed
 
 
+def _replaced(dataset: Dataset, run: Run) -> set[str]:
+    """Ids of sequences whose tracks are of other detections than the dataset holds now."""
+    try:
+        tracked = read_manifest(run).get("inputs", {})
+    except DatasetError:  # of a run that was put together by hand
+        return set()
+    catalog = dataset.catalog()
+    now = zip(*(catalog[c].to_pylist() for c in ("sequence_id", "content_hash")), strict=True)
+    return {
+        sequence_id for sequence_id, content in now if tracked.get(sequence_id, content) != content
+    }
+
+
 def _read_sequence(dataset: Dataset, run: Run, sequence_id: str) -> _Sequence:
-    if not run.tracks(sequence_id).is_file():
+    failed = read_status(run, sequence_id).get("state", "done") != "done"
+    if failed or not run.tracks(sequence_id).is_file():
         raise SequenceError(
             f"sequence {sequence_id}: not tracked in run {run.name}. Run `hbbatch track`."
         )

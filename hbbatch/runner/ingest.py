@@ -22,6 +22,7 @@ from hbbatch.runner.ingest_task import (
     bring_up_to_date,
 )
 from hbbatch.runner.opened import open_all
+from hbbatch.runner.processes import end_with_parent
 from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
 
 __all__ = ["IngestReport", "IngestStatus", "SequenceOutcome", "ingest"]
@@ -178,7 +179,9 @@ def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[Brought]:
         return
     context = multiprocessing.get_context("spawn")
     try:
-        with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        with ProcessPoolExecutor(
+            min(workers, len(tasks)), mp_context=context, initializer=end_with_parent
+        ) as pool:
             yield from pool.map(bring_up_to_date, tasks)
     except BrokenProcessPool as error:
         raise HbbatchError(

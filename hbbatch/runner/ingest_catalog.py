@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +12,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from hbbatch import schema
-from hbbatch.dataset import Dataset
+from hbbatch.dataset import Dataset, locked
 
 _PART: Final = re.compile(r"(.+)-\d{3,}")
 
@@ -109,7 +106,7 @@ def put_rows(
     if not rows and not gone:
         return
     resolved = str(source.resolve())
-    with _locked(dataset):
+    with locked(dataset.root):
         former = dataset.catalog()
         owned = {
             row["sequence_id"] for row in former.to_pylist() if row["source"] == resolved
@@ -121,14 +118,3 @@ def put_rows(
         dataset.write_catalog(pa.concat_tables([others, added]))
     for sequence_id in owned:
         dataset.drop_sequence(sequence_id)
-
-
-@contextmanager
-def _locked(dataset: Dataset) -> Iterator[None]:
-    """Let one process at a time change the catalogue."""
-    folder = os.open(dataset.root, os.O_RDONLY)
-    try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(folder)

@@ -104,6 +104,16 @@ class Brought:
     gone: list[str] = field(default_factory=list)
 
 
+def _are_there(dataset: Dataset, rows: list[dict[str, Any]]) -> bool:
+    """Whether the tables that catalogue rows speak of still are where they were written."""
+    tables = {"detections", "poses"}
+    return all(
+        dataset.path(table, row["sequence_id"]).is_file()
+        for row in rows
+        for table in (tables | {"labels"} if row["labels"] else tables)
+    )
+
+
 def bring_up_to_date(task: IngestTask) -> Brought:
     """Read a recording if it is new or has changed, and write its tables.
 
@@ -120,7 +130,7 @@ def bring_up_to_date(task: IngestTask) -> Brought:
             source_hash = _source_hash(task)
             _refuse_taken(task, [name], source_hash)
             same = [row for row in task.former if row["source_hash"] == source_hash]
-            if same and not task.force:
+            if same and not task.force and _are_there(task.dataset, same):
                 seconds = time.perf_counter() - started
                 unchanged = IngestStatus.UNCHANGED
                 return Brought([_outcome(task, unchanged, row, seconds) for row in same])

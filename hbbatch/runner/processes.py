@@ -10,11 +10,12 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Final
 
@@ -128,6 +129,18 @@ def keep_to_a_core(number: int, workers: int) -> None:
     cores = sorted(os.sched_getaffinity(0))
     if workers >= len(cores):
         os.sched_setaffinity(0, {cores[number % len(cores)]})
+
+
+def end_with_parent() -> None:
+    """For processes that no pipe of ours tells: end when the parent is gone, however it went."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_after(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(ExitStatus.FAILED)
 
 
 def _body(pipe: Connection) -> None:

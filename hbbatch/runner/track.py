@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
-from hbbatch.dataset import Dataset, Run
+from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.dataset.store import write_table
 from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
@@ -248,12 +248,14 @@ def track(
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)
-        write_manifest(run, resolved, weights, inputs, environment)
         order = Order(dataset, run, request.settings, device, engine.load_tracker)
         executor = _executor(workers, standby or Standby())
-        outcomes = _execute(order, executor, groups, progress or _silent)
-        environment["device"] = _devices(outcomes) or request.device
-        write_manifest(run, resolved, weights, inputs, environment)
+        # Two runs at once would vouch for each other's outputs.
+        with locked(run.root, wait=False):
+            write_manifest(run, resolved, weights, inputs, environment)
+            outcomes = _execute(order, executor, groups, progress or _silent)
+            environment["device"] = _devices(outcomes) or request.device
+            write_manifest(run, resolved, weights, inputs, environment)
     wall_s = time.perf_counter() - started
     return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
 
@@ -309,7 +311,7 @@ def _write_timing(order: Order, outcomes: Sequence[Outcome]) -> None:
     for sequence_id in order.dataset.sequence_ids():
         if sequence_id not in rows:
             status = read_status(order.run, sequence_id)
-            if status.get("state") == "done":
+            if status.get("state") == "done" and "timing" in status:
                 rows[sequence_id] = status["timing"]
     write_table(order.run.timing, timing_table(rows.values()), schema.TIMING)
 

@@ -121,7 +121,10 @@ def compiled(store: Typestore, kind: str, wanted: Sequence[str]) -> Layout:
     missing = set(wanted) - compiler.found
     if missing:
         raise WalkRefusedError(f"no field {', '.join(sorted(missing))}")
-    steps = np.array(compiler.steps, dtype=np.int64).reshape(-1, 5)
+    try:
+        steps = np.array(compiler.steps, dtype=np.int64).reshape(-1, 5)
+    except OverflowError as error:
+        raise WalkRefusedError("an array beyond all memory") from error
     return Layout(steps, compiler.columns, compiler.smallest)
 
 

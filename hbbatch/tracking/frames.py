@@ -11,7 +11,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from hbbatch.boxes import BOX_FIELDS, FloatArray, rotation_matrices, transform_boxes
+from hbbatch.boxes import (
+    BOX_FIELDS,
+    HEIGHT,
+    LENGTH,
+    FloatArray,
+    rotation_matrices,
+    transform_boxes,
+)
+from hbbatch.errors import SequenceError
 
 IntArray = NDArray[np.int64]
 
@@ -23,6 +31,9 @@ DETECTION_COLUMNS: Final = (
 
 _TRANSLATION = tuple(f"translation_{axis}" for axis in "xyz")
 _ROTATION = tuple(f"rotation_{axis}" for axis in "xyzw")
+
+FARTHEST_M: Final = 1e5
+"""From the sensor, in each direction; sizes and angles are far below it, too."""
 
 POSE_COLUMNS: Final = ("timestamp_ns", *_TRANSLATION, *_ROTATION)
 """What tracking reads of `schema.POSES`."""
@@ -94,6 +105,9 @@ def sequence_frames(
         poses: table with `POSE_COLUMNS`, a row a frame.
         classes: class names to keep; their order defines `class_codes`.
         min_score: lower scores are dropped.
+
+    Raises:
+        SequenceError: a box is not finite, has no size, or lies farther away than any sensor sees.
     """
     kept = detections.filter(pc.is_in(detections["class_name"], pa.array(list(classes))))
     if min_score is not None:
@@ -102,6 +116,7 @@ def sequence_frames(
     rotation = rotation_matrices(_columns(poses, _ROTATION))
     translation = _columns(poses, _TRANSLATION)
     sensor_boxes = _columns(kept, BOX_FIELDS)
+    _check_boxes(sensor_boxes, sequence_id)
     boxes = transform_boxes(sensor_boxes, rotation[frame_index], translation[frame_index])
     codes = pc.index_in(kept["class_name"], pa.array(list(classes)))
     return SequenceFrames(
@@ -116,6 +131,21 @@ def sequence_frames(
         rotation=rotation,
         translation_m=translation,
     )
+
+
+def _check_boxes(boxes: FloatArray, sequence_id: str) -> None:
+    """Whoever wrote the detections: one box that is none spoils the tracks of its sequence."""
+    sizes = boxes[:, LENGTH : HEIGHT + 1]
+    fit = (np.abs(boxes) <= FARTHEST_M).all(axis=1) & (sizes > 0.0).all(axis=1)
+    if not fit.all():
+        place = int(np.argmin(fit))
+        values = ", ".join(
+            f"{name} {v:g}" for name, v in zip(BOX_FIELDS, boxes[place], strict=True)
+        )
+        raise SequenceError(
+            f"sequence {sequence_id}: {np.count_nonzero(~fit)} detected boxes are none, the first: "
+            f"{values}. Mend what wrote the detections and ingest again."
+        )
 
 
 def _column(table: pa.Table, name: str) -> NDArray[Any]:

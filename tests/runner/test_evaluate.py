@@ -191,3 +191,15 @@ def test_sequences_that_the_weights_may_have_learned_from_are_named(tmp_path: Pa
     weights = {"name": "kitti", "hash": "h"}
     write_json(dataset.run("r").manifest, {"format_version": 1, "weights": weights})
     assert evaluate(tmp_path).perhaps_trained_on == ["0000"]
+
+
+def test_what_failed_or_was_replaced_since_is_not_scored(in_space: Dataset) -> None:
+    write_tracks(in_space, "mixed", "a", car_boxes())
+    write_tracks(in_space, "mixed", "b", car_boxes())
+    run = in_space.run("mixed")
+    write_json(run.status("b"), {"state": "failed", "error": "no room"})
+    report = evaluate(in_space.root, "mixed")
+    assert "not tracked" in report.failed["b"]
+    write_json(run.manifest, {"format_version": 1, "inputs": {"a": "what it was before"}})
+    with pytest.raises(SequenceError, match="ingested again since run mixed tracked it"):
+        evaluate(in_space.root, "mixed", ["a"])

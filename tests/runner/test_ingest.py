@@ -351,3 +351,13 @@ def test_several_processes_write_what_one_does(tmp_path: Path) -> None:
     report = ingest([tmp_path / "drives"], tmp_path / "many", workers=2)
     assert statuses(report) == dict.fromkeys("abc", "ingested")
     assert files(tmp_path / "one") == files(tmp_path / "many")
+
+
+@pytest.mark.parametrize("table", ["detections", "poses", "labels"])
+def test_tables_that_are_gone_are_made_again(tmp_path: Path, table: str) -> None:
+    source = write_sequence(tmp_path / "kitti", labels=LABELS)
+    ingest([source], tmp_path / "out")
+    before = files(tmp_path / "out")
+    Dataset.open(tmp_path / "out").path(table, "0000").unlink()
+    assert statuses(ingest([source], tmp_path / "out")) == {"0000": "replaced"}
+    assert files(tmp_path / "out").keys() == before.keys()

@@ -12,7 +12,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from hbbatch.config import TrackSettings
-from hbbatch.dataset import Dataset, Run
+from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.errors import ConfigError, DatasetError, ExitStatus, UsageError, WeightsError
 from hbbatch.runner import plan
 from hbbatch.runner.ingest import ingest
@@ -181,7 +181,7 @@ def test_a_run_name_is_no_path(tmp_path: Path, name: str) -> None:
 def test_a_folder_that_cannot_be_written_is_one_error_before_any_work(tmp_path: Path) -> None:
     dataset = make_dataset(tmp_path, "a")
     (tmp_path / "runs").write_text("in the way")
-    with pytest.raises(DatasetError, match=r"run\.json: cannot be written"):
+    with pytest.raises(DatasetError, match="cannot be written"):
         run_track(dataset)
 
 
@@ -270,3 +270,20 @@ def test_real_tracks_do_not_depend_on_the_number_of_workers(
         one, two = (Dataset(tmp_path / "data").run(r.run).kitti(sequence_id) for r in reports)
         assert one.read_bytes() == two.read_bytes()
         assert len(one.read_text().splitlines()) > 100
+
+
+def test_a_run_that_another_process_writes_is_left_alone(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a")
+    run = dataset.run("mine")
+    with locked(run.root), pytest.raises(DatasetError, match="another hbbatch is writing there"):
+        run_track(dataset, run="mine")
+    assert not list(run.root.iterdir())
+    assert run_track(dataset, run="mine").tracked == ("a",)
+
+
+def test_a_status_without_timing_is_no_row_of_the_timing_table(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a", "b")
+    run_track(dataset, run="mine")
+    dataset.run("mine").status("a").write_text('{"state": "done"}')
+    run_track(dataset, "b", run="mine", settings=TrackSettings(min_score=0.5))
+    assert pq.read_table(dataset.run("mine").timing)["sequence_id"].to_pylist() == ["b"]

@@ -197,3 +197,9 @@ def test_any_steps_are_checked(cdr: ModuleType) -> None:
             cdr.walk(*given)
         assert (guarded[:guard] == 77).all()
         assert (guarded[-guard:] == 77).all()
+
+
+def test_an_array_longer_than_any_number_is_refused() -> None:
+    types = store(f"uint8[{10**30}] x\nint32 y\n")
+    with pytest.raises(WalkRefusedError, match="beyond all memory"):
+        compiled(types, KIND, ("y",))

@@ -162,3 +162,15 @@ def test_what_is_written_must_be_writable(kernels: ModuleType) -> None:
     right[4].flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
         kernels.match(*right)
+
+
+def test_a_box_that_is_none_takes_no_match_from_others(kernels: ModuleType) -> None:
+    """Of long vehicles: how far to look is told by the largest detection of all sequences."""
+    track = np.array([[0, 0, 1, 12, 2.5, 3.5, 0]], float)
+    seen = np.array(
+        [[9, 0, 1, 12, 2.5, 3.5, 0], [300, 0, 1, np.nan, 1, 1, 0], [400, 0, 1, 0.5, 0.5, 0.5, 0]]
+    )
+    block = np.zeros(3, np.int64)
+    for order in ([0, 1, 2], [1, 0, 2], [2, 1, 0]):
+        pairs = compiled_matcher(seen[order], block, 1.3)(track, block[:1], slice(0, 3))
+        assert pairs.detection.tolist() == [order.index(0)]

@@ -127,7 +127,8 @@ static Py_ssize_t affordable(const Array *priors, const int64_t *block, const Ke
                              double threshold, Pair **pairs, Py_ssize_t room) {
     Py_ssize_t found = 0, tracks = priors->columns;
     double widest = 0.0;
-    for (Py_ssize_t k = 0; k < count; k++) widest = MOST(widest, detections[k].reach);
+    for (Py_ssize_t k = 0; k < count; k++)
+        if (detections[k].reach > widest) widest = detections[k].reach; /* NaN never is. */
     for (Py_ssize_t i = 0; i < tracks; i++) {
         const double *box = (const double *)priors->view.buf + i;
         Shape own = place_of(box, (size_t)tracks, stretch);
