@@ -32,7 +32,7 @@ DETECTION_COLUMNS: Final = (
 _TRANSLATION = tuple(f"translation_{axis}" for axis in "xyz")
 _ROTATION = tuple(f"rotation_{axis}" for axis in "xyzw")
 
-FARTHEST_M: Final = 1e5
+_FARTHEST_M: Final = 1e5
 """From the sensor, in each direction; sizes and angles are far below it, too."""
 
 POSE_COLUMNS: Final = ("timestamp_ns", *_TRANSLATION, *_ROTATION)
@@ -136,7 +136,7 @@ def sequence_frames(
 def _check_boxes(boxes: FloatArray, sequence_id: str) -> None:
     """Whoever wrote the detections: one box that is none spoils the tracks of its sequence."""
     sizes = boxes[:, LENGTH : HEIGHT + 1]
-    fit = (np.abs(boxes) <= FARTHEST_M).all(axis=1) & (sizes > 0.0).all(axis=1)
+    fit = (np.abs(boxes) <= _FARTHEST_M).all(axis=1) & (sizes > 0.0).all(axis=1)
     if not fit.all():
         place = int(np.argmin(fit))
         values = ", ".join(
