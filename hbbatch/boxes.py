@@ -32,6 +32,17 @@ _UNIT_CORNERS: Final[FloatArray] = np.array(
 )
 
 
+LARGEST: Final = 2e7
+"""Of any value of a box: coordinates of a map (UTM) go so far. Sizes and angles are far below."""
+
+
+def are_boxes(boxes: FloatArray) -> NDArray[np.bool_]:
+    """Which rows `(n, 7)` can be boxes: finite, on this earth, of some size."""
+    on_earth: NDArray[np.bool_] = np.less_equal(np.abs(boxes), LARGEST).all(axis=1)
+    sized: NDArray[np.bool_] = np.greater(boxes[:, LENGTH : HEIGHT + 1], 0.0).all(axis=1)
+    return on_earth & sized
+
+
 def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     """Angles wrapped to [-π, π)."""
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""Rotations against scipy's."""
+"""Rotations against scipy's, and what a box is."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hbbatch.boxes import FloatArray, corners, rotation_matrices, transform_boxes
+from hbbatch.boxes import (
+    LARGEST,
+    FloatArray,
+    are_boxes,
+    corners,
+    rotation_matrices,
+    transform_boxes,
+)
 
 
 def test_rotation_matrices_of_quaternions_of_any_length() -> None:
@@ -48,3 +55,19 @@ def test_corners_are_those_of_a_plain_loop() -> None:
             for left in (1, -1)
         ]
         assert sorted(map(tuple, found.round(6))) == sorted(map(tuple, np.round(expected, 6)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1.001 * LARGEST])
+@pytest.mark.parametrize("column", range(7))
+def test_what_is_not_finite_or_absurd_is_no_box(column: int, value: float) -> None:
+    boxes = random_boxes(0, count=3)
+    boxes[1, column] = value
+    assert are_boxes(boxes).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0])
+@pytest.mark.parametrize("column", [3, 4, 5])
+def test_what_has_no_size_is_no_box(column: int, value: float) -> None:
+    boxes = random_boxes(0, count=3)
+    boxes[1, column] = value
+    assert are_boxes(boxes).tolist() == [True, False, True]

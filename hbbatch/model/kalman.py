@@ -22,7 +22,7 @@ from hbbatch.model.filters import (
 )
 from hbbatch.motion import covariance as cov
 from hbbatch.motion.columns import MotionModel, kalman_columns, kalman_order
-from hbbatch.motion.constants import AXES, RANGE_UNIT_M
+from hbbatch.motion.constants import AXES, FARTHEST, RANGE_UNIT_M
 from hbbatch.motion.turns import turn
 
 
@@ -60,7 +60,7 @@ class KalmanFilter(nn.Module):
 
     def measurement_variance(self, seen: Measurement, class_code: Tensor) -> tuple[Tensor, Tensor]:
         """Variance of measured motion `(n, 4)` and sizes `(n, 3)`, growing with range."""
-        far = plan_range(seen.sight_m) / RANGE_UNIT_M
+        far = (plan_range(seen.sight_m) / RANGE_UNIT_M).clamp(max=FARTHEST)
         motion = (self.log_r[class_code] + self.log_r_range[class_code] * far).exp()
         return motion, self.log_r_size[class_code].exp()
 

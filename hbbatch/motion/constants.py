@@ -13,6 +13,8 @@ SMALLEST_SIZE_M: Final = 0.05
 """Floor of a box's length, width and height."""
 
 RANGE_UNIT_M: Final = 50.0
+FARTHEST: Final = 6.0
+"""In `RANGE_UNIT_M`: noise does not grow beyond, where no detector was seen at work."""
 
 FEATURE_LIMIT: Final = 6.0
 LONGEST_TIME_S: Final = 2.0

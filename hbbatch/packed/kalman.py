@@ -17,7 +17,7 @@ import numpy as np
 
 from hbbatch.boxes import FloatArray
 from hbbatch.motion.columns import Columns, MotionModel, kalman_order
-from hbbatch.motion.constants import AXES, RANGE_UNIT_M
+from hbbatch.motion.constants import AXES, FARTHEST, RANGE_UNIT_M
 from hbbatch.motion.covariance import pairs
 from hbbatch.motion.parameters import KalmanOptions, Parameters
 from hbbatch.packed import kernels
@@ -109,7 +109,7 @@ class PackedKalman:
         distance = np.maximum(np.sqrt(x * x + y * y), 1.0)
         far = distance / RANGE_UNIT_M
         log_r = self._log_r_range.take(kinds, axis=0)
-        log_r *= far[:, None]
+        log_r *= np.minimum(far, FARTHEST)[:, None]
         log_r += self._log_r.take(kinds, axis=0)
         np.exp(log_r, out=seen[:, DETECTION["variance"]])
         seen[:, DETECTION["size_variance"]] = self._r_size.take(kinds, axis=0)

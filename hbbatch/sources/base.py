@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, FloatArray
+from hbbatch.boxes import FloatArray
 from hbbatch.errors import SourceError
 
 IntArray = NDArray[np.int64]
@@ -389,9 +389,3 @@ def source_errors(path: Path) -> Iterator[None]:
 def no_image_boxes(count: int) -> FloatArray:
     """Image boxes of detections that have none; one number, seen from everywhere."""
     return np.broadcast_to(np.nan, (count, 4))
-
-
-def flat_boxes(boxes: FloatArray) -> NDArray[np.bool_]:
-    """Rows whose box has a size of zero or less, `(n,)`."""
-    smallest: FloatArray = boxes[:, LENGTH : HEIGHT + 1].min(axis=1)
-    return smallest <= 0

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hbbatch.boxes import HEIGHT, LENGTH, FloatArray
+from hbbatch.boxes import BOX_SIZE, LARGEST, FloatArray, are_boxes
 from hbbatch.sources.base import (
     Findings,
     FrameBatch,
     IntArray,
     Names,
     Poses,
-    flat_boxes,
     no_image_boxes,
 )
 from hbbatch.sources.columns import DetectionColumns
@@ -33,6 +33,12 @@ BATCH_ROWS: Final = 50_000
 """Frames and boxes of a batch that is written at once."""
 
 _CLOCK_NS: Final = 60 * 1_000_000_000
+
+
+def _usable(rows: FloatArray) -> NDArray[np.bool_]:
+    """Which columns of `_COLUMNS` rows hold a box with a score, `(n,)`."""
+    scored: NDArray[np.bool_] = np.isfinite(rows[_SCORE])
+    return scored & are_boxes(rows[:BOX_SIZE].T)
 
 
 class _Vocabulary:
@@ -98,8 +104,8 @@ class DetectionStore:
         rows[_SCORE, unscored] = _SCORE_WHEN_MISSING
         rows[_CLASS] = self._classes.codes(columns.class_names)
         kept = columns.box_counts
-        if not (np.isfinite(rows).all() and (rows[LENGTH : HEIGHT + 1] > 0).all()):
-            rows, kept = self._without_unusable(rows, columns.box_counts, numbers)
+        if not (usable := _usable(rows)).all():
+            rows, kept = self._only(usable, rows, columns.box_counts, numbers)
         self._rows.append(rows)
         self._unscored += int(unscored.sum())
         self._unstamped += int((columns.stamp_ns == 0).sum())
@@ -117,11 +123,14 @@ class DetectionStore:
         ):
             column.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
 
-    def _without_unusable(
-        self, rows: FloatArray, counts: IntArray, numbers: IntArray
+    def _only(
+        self,
+        usable: NDArray[np.bool_],
+        rows: FloatArray,
+        counts: IntArray,
+        numbers: IntArray,
     ) -> tuple[FloatArray, IntArray]:
-        """Rows that are numbers and have a size, and how many of them each message has."""
-        usable = np.isfinite(rows).all(axis=0) & ~flat_boxes(rows.T)
+        """The usable rows, and how many of them each message has."""
         of_message = np.repeat(np.arange(len(counts)), counts)
         for message in of_message[~usable].tolist():
             self._unusable[int(numbers[message])] += 1
@@ -138,7 +147,8 @@ class DetectionStore:
         if self._unusable:
             findings.lost(
                 f"{topic}: {self._unusable.total()} boxes left out, first in message "
-                f"{min(self._unusable)}: not a number, or a size that is not greater than zero"
+                f"{min(self._unusable)}: not a number, a size that "
+                f"is not greater than zero, or a value of more than {LARGEST:g}"
             )
         if self._foreign:
             findings.lost(

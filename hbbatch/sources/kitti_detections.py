@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from hbbatch.boxes import FloatArray
+from hbbatch.boxes import LARGEST, FloatArray, are_boxes
 from hbbatch.errors import SourceError
-from hbbatch.sources.base import FrameBatch, IntArray, Names, Poses, flat_boxes
+from hbbatch.sources.base import FrameBatch, IntArray, Names, Poses
 from hbbatch.sources.classes import is_known_class, normalise_class
 from hbbatch.sources.kitti_geometry import SENSOR_FRAME, sensor_boxes
 from hbbatch.sources.kitti_text import FRAME_LAYOUT, TextRows, parse_rows
@@ -27,7 +27,9 @@ _MAX_JUMP_FRAMES: Final = 100_000
 _MOST_DIGITS: Final = 18
 """Of the name of a file a frame, so that it is a number of 64 bits."""
 
-SIZES_MUST_BE_POSITIVE: Final = "height, width and length must be greater than zero"
+NOT_A_BOX: Final = (
+    f"height, width and length must be greater than zero, and no value more than {LARGEST:g}"
+)
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ def checked_boxes(rows: TextRows) -> FloatArray:
         SourceError: a size is zero or negative.
     """
     boxes = sensor_boxes(rows.stack("height width length x y z ry"))
-    rows.refuse(flat_boxes(boxes), SIZES_MUST_BE_POSITIVE)
+    rows.refuse(~are_boxes(boxes), NOT_A_BOX)
     return boxes
 
 

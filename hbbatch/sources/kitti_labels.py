@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hbbatch.sources.base import Labels, flat_boxes
+from hbbatch.boxes import are_boxes
+from hbbatch.sources.base import Labels
 from hbbatch.sources.classes import DONT_CARE, normalise_class
-from hbbatch.sources.kitti_detections import SIZES_MUST_BE_POSITIVE, check_frames, image_boxes
+from hbbatch.sources.kitti_detections import NOT_A_BOX, check_frames, image_boxes
 from hbbatch.sources.kitti_geometry import SENSOR_FRAME, sensor_boxes
 from hbbatch.sources.kitti_text import LABEL_LAYOUT, parse_rows
 
@@ -28,7 +29,7 @@ def read_labels(path: Path) -> Labels:
     check_frames([(frame_index, rows)])
     ignored = np.array([normalise_class(name) == DONT_CARE for name in rows.types], dtype=bool)
     boxes = sensor_boxes(rows.stack("height width length x y z ry"))
-    rows.refuse(flat_boxes(boxes) & ~ignored, SIZES_MUST_BE_POSITIVE)
+    rows.refuse(~are_boxes(boxes) & ~ignored, NOT_A_BOX)
     boxes[ignored] = np.nan
     order = np.argsort(frame_index, kind="stable")
     return Labels(

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import (
     BOX_FIELDS,
-    HEIGHT,
-    LENGTH,
     FloatArray,
+    are_boxes,
     rotation_matrices,
     transform_boxes,
 )
@@ -31,9 +30,6 @@ DETECTION_COLUMNS: Final = (
 
 _TRANSLATION = tuple(f"translation_{axis}" for axis in "xyz")
 _ROTATION = tuple(f"rotation_{axis}" for axis in "xyzw")
-
-_FARTHEST_M: Final = 1e5
-"""From the sensor, in each direction; sizes and angles are far below it, too."""
 
 POSE_COLUMNS: Final = ("timestamp_ns", *_TRANSLATION, *_ROTATION)
 """What tracking reads of `schema.POSES`."""
@@ -135,8 +131,7 @@ def sequence_frames(
 
 def _check_boxes(boxes: FloatArray, sequence_id: str) -> None:
     """Whoever wrote the detections: one box that is none spoils the tracks of its sequence."""
-    sizes = boxes[:, LENGTH : HEIGHT + 1]
-    fit = (np.abs(boxes) <= _FARTHEST_M).all(axis=1) & (sizes > 0.0).all(axis=1)
+    fit = are_boxes(boxes)
     if not fit.all():
         place = int(np.argmin(fit))
         values = ", ".join(

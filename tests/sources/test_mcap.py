@@ -240,6 +240,7 @@ def test_log_time_of_a_broken_clock_fits_the_tables(tmp_path: Path) -> None:
         (float("nan"), *BOX[1:]),
         (*BOX[:3], -4.0, *BOX[4:]),
         (*BOX[:3], 0.0, *BOX[4:]),
+        (1e300, *BOX[1:]),
     ],
 )
 def test_boxes_that_are_none_are_left_out_and_counted(
