@@ -38,9 +38,9 @@ LARGEST: Final = 2e7
 
 def are_boxes(boxes: FloatArray) -> NDArray[np.bool_]:
     """Which rows `(n, 7)` can be boxes: finite, on this earth, of some size."""
-    on_earth: NDArray[np.bool_] = np.less_equal(np.abs(boxes), LARGEST).all(axis=1)
-    sized: NDArray[np.bool_] = np.greater(boxes[:, LENGTH : HEIGHT + 1], 0.0).all(axis=1)
-    return on_earth & sized
+    on_earth = (np.abs(boxes) <= LARGEST).all(axis=1)
+    sized = (boxes[:, LENGTH : HEIGHT + 1] > 0.0).all(axis=1)
+    return np.asarray(on_earth & sized, dtype=np.bool_)
 
 
 def wrap_angle(angle_rad: FloatArray) -> FloatArray:
