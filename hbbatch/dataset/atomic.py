@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hbbatch.errors import DatasetError
@@ -30,20 +30,61 @@ def write_unflushed(path: Path) -> Iterator[Path]:
     Raises:
         DatasetError: the folder or the file cannot be written.
     """
-    aside = path.parent / f".{path.name}.{os.getpid()}.partial"
+    with writing(path), _beside(path) as aside:
+        yield aside
+        aside.replace(path)
+
+
+@contextmanager
+def replaced_together(paths: Sequence[Path], gone: Sequence[Path] = ()) -> Iterator[list[Path]]:
+    """Yield temporary paths beside `paths`; on success all take their places, `gone` are removed.
+
+    Nothing is touched before all is written and flushed. The first path vouches for the others: it
+    is removed before any of them changes and comes last, so that a process killed in between never
+    leaves it beside files of another time.
+
+    Raises:
+        DatasetError: a folder or file cannot be written.
+    """
+    with ExitStack() as stack:
+        asides = []
+        for path in paths:
+            with writing(path):
+                asides.append(stack.enter_context(_beside(path)))
+        yield asides
+        for path, aside in zip(paths, asides, strict=True):
+            with writing(path):
+                _flush(aside)
+        for path in (paths[0], *gone):
+            with writing(path):
+                path.unlink(missing_ok=True)
+        for path, aside in reversed([*zip(paths, asides, strict=True)]):
+            with writing(path):
+                aside.replace(path)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Errors of the file system inside are about a file that is being written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            yield aside
-            aside.replace(path)
-        finally:
-            with suppress(FileNotFoundError):
-                aside.unlink()
+        yield
     except OSError as error:
         raise DatasetError(
             f"{path}: cannot be written ({error.strerror or error}). "
             "Check the folder's permissions and free space, or choose another place."
         ) from error
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A temporary path in the folder of `path`, which is made if need be; gone at the end."""
+    aside = path.parent / f".{path.name}.{os.getpid()}.partial"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield aside
+    finally:
+        with suppress(FileNotFoundError):
+            aside.unlink()
 
 
 def _flush(path: Path) -> None:
@@ -62,14 +103,9 @@ def locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
     Raises:
         DatasetError: the folder cannot be made or locked, or another process has it.
     """
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise DatasetError(
-            f"{folder}: cannot be written ({error.strerror or error}). "
-            "Check the folder's permissions and free space, or choose another place."
-        ) from error
     try:
         _lock(handle, folder, wait)
         yield

@@ -27,12 +27,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hbbatch import schema
-from hbbatch.dataset.atomic import write_aside
+from hbbatch.dataset.atomic import write_aside, writing
 from hbbatch.errors import DatasetError, UsageError
 
 _SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 _ARROW_SCHEMA: Final = b"ARROW:schema"
 """Where Parquet files say the types and fields of the Arrow table they were written from."""
+
+_SOURCE_HASH: Final = b"hbbatch_source_hash"
+"""Where the detections of a sequence say of what they and the tables beside them were made."""
 
 _VALUES_AT_ONCE: Final = 2**16
 _PER_SEQUENCE: Final = ("detections", "poses", "labels", "calibration")
@@ -192,6 +195,19 @@ class Dataset:
             ) from error
         return content
 
+    def source_hash(self, sequence_id: str) -> str | None:
+        """What its tables were made of, to compare with the catalogue; None if they do not say.
+
+        The detections carry it, which are only there beside tables of the same time.
+
+        Raises:
+            DatasetError: there are no detections, or they cannot be read.
+        """
+        path = self.path("detections", sequence_id)
+        with _reading(path, f"detections of sequence {sequence_id} ({path})") as file:
+            said: bytes | None = (file.metadata.metadata or {}).get(_SOURCE_HASH)
+        return None if said is None else said.decode()
+
     def drop_sequence(self, sequence_id: str) -> None:
         """Remove the tables of a sequence (not its catalogue row, nor results of runs)."""
         for table in _PER_SEQUENCE:
@@ -231,13 +247,20 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
     Raises:
         DatasetError: the file is missing, damaged or does not fit the schema.
     """
+    with _reading(path, what) as file:
+        names = set(file.schema_arrow.names)
+        there = [name for name in expected.names if name in names]
+        # Files are small: one thread is done before others have started.
+        table = file.read(there, use_threads=False)
+    return schema.conform(table, expected, what)
+
+
+@contextmanager
+def _reading(path: Path, what: str) -> Iterator[pq.ParquetFile]:
     try:
         # Opened here, for Arrow would look up the path's file system each time.
         with pa.memory_map(str(path)) as mapped, pq.ParquetFile(mapped) as file:
-            names = set(file.schema_arrow.names)
-            there = [name for name in expected.names if name in names]
-            # Files are small: one thread is done before others have started.
-            table = file.read(there, use_threads=False)
+            yield file
     except FileNotFoundError as error:
         raise DatasetError(f"{what}: {path} is missing. Ingest the sequence again.") from error
     except (OSError, pa.ArrowException) as error:
@@ -245,7 +268,6 @@ def read_table(path: Path, expected: pa.Schema, what: str) -> pa.Table:
         raise DatasetError(
             f"{what}: {path} cannot be read ({reason}). Restore it, or delete it and make it again."
         ) from error
-    return schema.conform(table, expected, what)
 
 
 @contextmanager
@@ -255,10 +277,26 @@ def table_writer(path: Path, expected: pa.Schema) -> Iterator[Callable[[pa.Table
     Each batch is checked against the schema; the file appears when the block ends without error.
     Texts may come as dictionaries (`schema.coded`), of which no value is met twice.
     """
+    with write_aside(path) as aside, table_into(aside, expected, path) as append:
+        yield append
+
+
+@contextmanager
+def table_into(
+    aside: Path, expected: pa.Schema, path: Path, source_hash: str | None = None
+) -> Iterator[Callable[[pa.Table], None]]:
+    """`table_writer` for a file that others rename.
+
+    Args:
+        aside: where it is written.
+        expected: its schema.
+        path: where it will be.
+        source_hash: for `Dataset.source_hash`.
+    """
     with (
-        write_aside(path) as aside,
+        writing(path),
         pa.OSFile(str(aside), "wb") as file,
-        _appending(file, expected, str(path)) as append,
+        _appending(file, expected, str(path), source_hash) as append,
     ):
         yield append
 
@@ -273,13 +311,15 @@ def table_bytes(table: pa.Table, expected: pa.Schema, what: str) -> pa.Buffer:
 
 @contextmanager
 def _appending(
-    sink: pa.NativeFile, expected: pa.Schema, what: str
+    sink: pa.NativeFile, expected: pa.Schema, what: str, source_hash: str | None = None
 ) -> Iterator[Callable[[pa.Table], None]]:
     coded = schema.coded(expected)
     with pq.ParquetWriter(sink, coded, store_schema=False, **_encoding(expected)) as writer:
         yield lambda table: writer.write_table(schema.conform(table, coded, what))
         # Who reads the file gets texts, whatever they were written from.
         told = {_ARROW_SCHEMA: b64encode(expected.serialize())}
+        if source_hash is not None:
+            told[_SOURCE_HASH] = source_hash.encode()
         writer.add_key_value_metadata({**(expected.metadata or {}), **told})
 
 

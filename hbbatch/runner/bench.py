@@ -25,7 +25,7 @@ from hbbatch.errors import HbbatchError
 from hbbatch.packed.kernels import AVAILABLE
 from hbbatch.runner.bench_end_to_end import end_to_end, start_up, two_at_once
 from hbbatch.runner.bench_report import Table
-from hbbatch.runner.dealing import SequenceJob
+from hbbatch.runner.plan import job_of
 from hbbatch.runner.timing import peak_rss_mb
 from hbbatch.runner.worker import LoadedTracker, Order, load_tracker, track_group
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
@@ -299,7 +299,7 @@ def _one_worker(
     run = _fresh_run(dataset)
     order = Order(dataset, run, settings, "cpu", load_tracker)
     rows = dataset.catalog().to_pylist()
-    jobs = (SequenceJob(r["sequence_id"], "", r["frames"], r["detections"]) for r in rows)
+    jobs = (job_of(row, key="") for row in rows)
     start = time.perf_counter()
     try:
         outcomes = list(track_group(order, loaded, tuple(jobs), worker=0))

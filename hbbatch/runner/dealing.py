@@ -39,9 +39,10 @@ _WORTH: Final = 1.05
 
 @dataclass(frozen=True)
 class SequenceJob:
-    """A sequence to track, its size, and the key its outputs will carry."""
+    """A sequence to track: what it was made of, the key its outputs will carry, and its size."""
 
     sequence_id: str
+    source_hash: str
     key: str
     frames: int
     detections: int

@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +22,7 @@ from hbbatch.runner.ingest_task import (
     bring_up_to_date,
 )
 from hbbatch.runner.opened import open_all
-from hbbatch.runner.processes import end_with_parent
+from hbbatch.runner.processes import begin_in_pool, interrupts_blocked
 from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
 
 __all__ = ["IngestReport", "IngestStatus", "SequenceOutcome", "ingest"]
@@ -36,7 +36,7 @@ class IngestReport:
 
     Attributes:
         dataset_root: where it was written.
-        outcomes: one a sequence, in order.
+        outcomes: one a sequence, in the order of the sources.
         source_errors: why whole sources could not be read.
         dropped: sequences that a source does not hold any more, by source.
         seconds: how long it took.
@@ -122,11 +122,13 @@ def ingest(
     if found:
         dataset = Dataset.create(dataset_root)
         tasks = _tasks(dataset, found, options, force)
-        for task, brought in zip(tasks, _brought(tasks, workers), strict=True):
-            put_rows(dataset, task.source, brought.rows, brought.gone)
+        outcomes: dict[int, list[SequenceOutcome]] = {}
+        for number, brought in _brought(tasks, workers):
+            put_rows(dataset, tasks[number].source, brought.rows, brought.gone)
+            outcomes[number] = brought.outcomes
             for outcome in brought.outcomes:
-                report.outcomes.append(outcome)
                 on_outcome(outcome)
+        report.outcomes = [outcome for number in sorted(outcomes) for outcome in outcomes[number]]
         if not options.topics:
             report.dropped = _gone(dataset, tasks)
             for source, gone in report.dropped.items():
@@ -172,19 +174,24 @@ def _gone(dataset: Dataset, tasks: Sequence[IngestTask]) -> dict[Path, list[str]
     return {source: ids for source, ids in gone.items() if ids}
 
 
-def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[Brought]:
-    """What became of each task, in order."""
+def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[tuple[int, Brought]]:
+    """What became of each task, by its number, as they end."""
     if workers <= 1 or len(tasks) <= 1:
-        yield from map(bring_up_to_date, tasks)
+        yield from enumerate(map(bring_up_to_date, tasks))
         return
     context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(
+        min(workers, len(tasks)), mp_context=context, initializer=begin_in_pool
+    )
     try:
-        with ProcessPoolExecutor(
-            min(workers, len(tasks)), mp_context=context, initializer=end_with_parent
-        ) as pool:
-            yield from pool.map(bring_up_to_date, tasks)
+        with interrupts_blocked():
+            numbers = {pool.submit(bring_up_to_date, task): i for i, task in enumerate(tasks)}
+        for done in as_completed(numbers):
+            yield numbers[done], done.result()
     except BrokenProcessPool as error:
         raise HbbatchError(
             "a worker process was killed, perhaps for want of memory. What was ingested is kept: "
             "run the same command again, with fewer --workers."
         ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,8 @@ from xxhash import xxh3_64_intdigest, xxh3_128
 
 from hbbatch import schema
 from hbbatch.boxes import FloatArray
-from hbbatch.dataset.store import Dataset, table_writer, write_json, write_table
+from hbbatch.dataset.atomic import replaced_together, writing
+from hbbatch.dataset.store import Dataset, json_text, table_into
 from hbbatch.errors import SourceError
 from hbbatch.runner.ego_steps import jumps_problem
 from hbbatch.sources.base import (
@@ -127,43 +127,32 @@ def _text_hashes(column: pa.DictionaryArray) -> NDArray[np.uint64]:
 
 
 def write_sequence(
-    dataset: Dataset, source: Path, reading: SequenceReading, taxonomy: Taxonomy
+    dataset: Dataset,
+    source: Path,
+    source_hash: str,
+    reading: SequenceReading,
+    taxonomy: Taxonomy,
 ) -> dict[str, Any]:
-    """Write the tables of a sequence; former ones are replaced only when all has been read.
+    """Write the tables of a sequence; former ones are replaced together, when all has been read.
 
     Returns:
-        The columns of its catalogue row that follow from the content.
+        The columns of its catalogue row that follow from the content, and the hash.
 
     Raises:
         SourceError: from the reader, or there is no frame.
         OSError: the source cannot be read.
         DatasetError: the dataset cannot be written.
     """
-    sequence_id = reading.sequence_id
-    tally, content = Tally(), ContentHash()
-    with ExitStack() as stack:
-        detections_path, poses_path = (
-            dataset.path(table, sequence_id) for table in ("detections", "poses")
-        )
-        write_detections = stack.enter_context(table_writer(detections_path, schema.DETECTIONS))
-        write_poses = stack.enter_context(table_writer(poses_path, schema.POSES))
-        for batch in _guarded(reading.batches, source):
-            detections = detections_table(batch, tally.frames, tally.detections, taxonomy)
-            poses = poses_table(batch, tally.frames)
-            write_detections(detections)
-            write_poses(poses)
-            content.add("detections", detections.select(_HASHED_DETECTIONS))
-            content.add("poses", poses.drop_columns(["log_time_ns"]))
-            tally.add(batch, taxonomy)
-        if not tally.frames:
-            raise SourceError(f"sequence {sequence_id}: no frame could be read. Check the source.")
-    _write_optional(dataset, reading, taxonomy)
+    content, tally = ContentHash(), Tally()
+    tables = _counted(reading, source, taxonomy, content, tally)
+    _write_tables(dataset, source_hash, reading, tables, taxonomy)
     _note_unknown_classes(reading, tally)
     jumps = jumps_problem(np.concatenate(tally.translations_m), np.concatenate(tally.stamps_ns))
     if jumps is not None:
         reading.findings.note(jumps)
     return {
-        "sequence_id": sequence_id,
+        "sequence_id": reading.sequence_id,
+        "source_hash": source_hash,
         "content_hash": content.digest(reading.calibration),
         "frames": tally.frames,
         "detections": tally.detections,
@@ -175,25 +164,69 @@ def write_sequence(
     }
 
 
+def _write_tables(
+    dataset: Dataset,
+    source_hash: str,
+    reading: SequenceReading,
+    tables: Iterable[tuple[pa.Table, pa.Table]],
+    taxonomy: Taxonomy,
+) -> None:
+    """Detections and poses of each batch, then labels and calibration, where there are any."""
+    detections, poses, labels = (
+        dataset.path(table, reading.sequence_id) for table in ("detections", "poses", "labels")
+    )
+    calibration = dataset.calibration_path(reading.sequence_id)
+    optional = {labels: reading.labels, calibration: reading.calibration}
+    written = [detections, poses, *(path for path, given in optional.items() if given is not None)]
+    gone = [path for path, given in optional.items() if given is None]
+    with replaced_together(written, gone) as asides:
+        aside = dict(zip(written, asides, strict=True))
+        with (
+            table_into(
+                aside[detections], schema.DETECTIONS, detections, source_hash
+            ) as write_detections,
+            table_into(aside[poses], schema.POSES, poses) as write_poses,
+        ):
+            for of_detections, of_poses in tables:
+                write_detections(of_detections)
+                write_poses(of_poses)
+        if reading.labels is not None:
+            with table_into(aside[labels], schema.LABELS, labels) as write_labels:
+                write_labels(labels_table(reading.labels, taxonomy))
+        if reading.calibration is not None:
+            with writing(calibration):
+                aside[calibration].write_text(json_text(reading.calibration.to_json()))
+
+
+def _counted(
+    reading: SequenceReading,
+    source: Path,
+    taxonomy: Taxonomy,
+    content: ContentHash,
+    tally: Tally,
+) -> Iterator[tuple[pa.Table, pa.Table]]:
+    """Detections and poses of each batch, which is hashed and counted.
+
+    Raises:
+        SourceError: from the reader, or there is no frame.
+    """
+    for batch in _guarded(reading.batches, source):
+        detections = detections_table(batch, tally.frames, tally.detections, taxonomy)
+        poses = poses_table(batch, tally.frames)
+        yield detections, poses
+        content.add("detections", detections.select(_HASHED_DETECTIONS))
+        content.add("poses", poses.drop_columns(["log_time_ns"]))
+        tally.add(batch, taxonomy)
+    if not tally.frames:
+        raise SourceError(
+            f"sequence {reading.sequence_id}: no frame could be read. Check the source."
+        )
+
+
 def _guarded(batches: Iterator[FrameBatch], source: Path) -> Iterator[FrameBatch]:
     """Batches; an error of the file system while reading them is the source's, not the output's."""
     with source_errors(source):
         yield from batches
-
-
-def _write_optional(dataset: Dataset, reading: SequenceReading, taxonomy: Taxonomy) -> None:
-    """Write labels and calibration; remove those of a former source that had them."""
-    sequence_id = reading.sequence_id
-    labels_path = dataset.path("labels", sequence_id)
-    if reading.labels is None:
-        labels_path.unlink(missing_ok=True)
-    else:
-        write_table(labels_path, labels_table(reading.labels, taxonomy), schema.LABELS)
-    calibration_path = dataset.calibration_path(sequence_id)
-    if reading.calibration is None:
-        calibration_path.unlink(missing_ok=True)
-    else:
-        write_json(calibration_path, reading.calibration.to_json())
 
 
 def _labelled_boxes(labels: Labels | None) -> int:

@@ -20,7 +20,7 @@ from hbbatch.runner.memory import keep_freed_memory
 from hbbatch.sources.base import SequenceHandle, source_errors
 from hbbatch.sources.classes import load_taxonomy
 
-INGEST_VERSION: Final = 5
+INGEST_VERSION: Final = 6
 """Raised when the same source would give other tables or problems, so that it is read again."""
 
 
@@ -105,13 +105,24 @@ class Brought:
 
 
 def _are_there(dataset: Dataset, rows: list[dict[str, Any]]) -> bool:
-    """Whether the tables that catalogue rows speak of still are where they were written."""
-    tables = {"detections", "poses"}
+    """Whether the tables that catalogue rows speak of still are where they were written.
+
+    Those of an ingest that was stopped before it came to the catalogue are others.
+    """
+    tables = {"poses", "labels"}
     return all(
         dataset.path(table, row["sequence_id"]).is_file()
         for row in rows
-        for table in (tables | {"labels"} if row["labels"] else tables)
-    )
+        for table in (tables if row["labels"] else tables - {"labels"})
+    ) and all(_made_of(dataset, row["sequence_id"]) == row["source_hash"] for row in rows)
+
+
+def _made_of(dataset: Dataset, sequence_id: str) -> str | None:
+    """Source hash of a sequence's tables; None where it cannot be told."""
+    try:
+        return dataset.source_hash(sequence_id)
+    except DatasetError:
+        return None
 
 
 def bring_up_to_date(task: IngestTask) -> Brought:
@@ -168,8 +179,7 @@ def _write(task: IngestTask, source_hash: str) -> Brought:
             row = {
                 "source": str(task.source.resolve()),
                 "source_format": task.source_format,
-                "source_hash": source_hash,
-                **write_sequence(task.dataset, task.source, reading, taxonomy),
+                **write_sequence(task.dataset, task.source, source_hash, reading, taxonomy),
             }
             brought.rows.append(row)
             status = (

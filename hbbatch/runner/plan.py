@@ -112,10 +112,17 @@ def make_plan(
         if status.get("key") == key and is_done(run, sequence_id, status):
             up_to_date.append(sequence_id)
             continue
-        to_do.append(SequenceJob(sequence_id, key, row["frames"], row["detections"]))
+        to_do.append(job_of(row, key))
         if status.get("state") == "done" and status.get("key") != key:
             outdated.append(sequence_id)
     return Plan(tuple(to_do), tuple(up_to_date), tuple(outdated))
+
+
+def job_of(row: dict[str, Any], key: str) -> SequenceJob:
+    """The job that a row of the catalogue asks for."""
+    return SequenceJob(
+        row["sequence_id"], row["source_hash"], key, row["frames"], row["detections"]
+    )
 
 
 def read_status(run: Run, sequence_id: str) -> dict[str, Any]:

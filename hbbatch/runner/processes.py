@@ -22,6 +22,7 @@ from typing import Final
 from hbbatch.errors import ExitStatus
 
 _SPAWN: Final = multiprocessing.get_context("spawn")
+_INTERRUPTED: Final = 128 + signal.SIGINT
 _PATIENCE_S: Final = 5.0
 """How long a worker may take to stop when asked to."""
 
@@ -38,7 +39,7 @@ class WorkerProcess:
         """A new one, which loads its modules while this call returns."""
         ours, theirs = _SPAWN.Pipe()
         process = _SPAWN.Process(target=_body, args=(theirs,), daemon=True)
-        with _interrupts_blocked():
+        with interrupts_blocked():
             process.start()
         # Only the child may hold its end, so that its death reads as the end of the pipe.
         theirs.close()
@@ -131,8 +132,16 @@ def keep_to_a_core(number: int, workers: int) -> None:
         os.sched_setaffinity(0, {cores[number % len(cores)]})
 
 
-def end_with_parent() -> None:
-    """For processes that no pipe of ours tells: end when the parent is gone, however it went."""
+def begin_in_pool() -> None:
+    """For processes of a pool, started with `interrupts_blocked`: they end with their parent.
+
+    Ctrl-C ends them without a word, or the task they are at.
+    """
+    signal.signal(signal.SIGINT, lambda *_: sys.exit(_INTERRUPTED))
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    except SystemExit:  # it was sent while the process was loading
+        os._exit(_INTERRUPTED)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
@@ -161,8 +170,8 @@ def _body(pipe: Connection) -> None:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Processes started inside never see Ctrl-C: it is the parent's to handle."""
+def interrupts_blocked() -> Iterator[None]:
+    """Processes started inside do not see Ctrl-C: it is the parent's to handle."""
     # Started with the first process otherwise, it would unblock what is blocked here.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

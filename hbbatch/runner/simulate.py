@@ -92,14 +92,14 @@ def simulate(
 def _write(dataset: Dataset, sequence_id: str, drive: Drive) -> SimulatedDrive:
     source = dataset.root / SOURCE_FORMAT
     reading = SequenceReading(sequence_id, _batches(drive), None, None, Findings())
-    row = write_sequence(dataset, source, reading, load_taxonomy(None))
+    source_hash = _hash(asdict(drive.settings), sequence_id)
+    row = write_sequence(dataset, source, source_hash, reading, load_taxonomy(None))
     labels = labels_table(drive, SENSOR_FRAME, LONGEST_HIDDEN_S)
     write_table(dataset.path("labels", sequence_id), labels, schema.LABELS)
     row |= {
         "labels": labels.num_rows,
         "source": str(source.resolve()),
         "source_format": SOURCE_FORMAT,
-        "source_hash": _hash(asdict(drive.settings), sequence_id),
     }
     put_rows(dataset, source, [row], [])
     return SimulatedDrive(sequence_id, drive.settings, row["detections"], labels.num_rows)

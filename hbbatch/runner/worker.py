@@ -16,7 +16,7 @@ from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.atomic import write_unflushed
 from hbbatch.dataset.store import json_text, table_bytes
-from hbbatch.errors import HbbatchError, report_defect
+from hbbatch.errors import HbbatchError, SequenceError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.device import resolved_device
@@ -193,6 +193,7 @@ def _read_part(order: Order, class_names: Sequence[str], part: Group) -> _PartRe
 
 def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Reading:
     started = time.perf_counter()
+    _check_tables(order.dataset, job)
     frames = sequence_frames(
         job.sequence_id,
         order.dataset.detections(job.sequence_id, DETECTION_COLUMNS),
@@ -201,6 +202,15 @@ def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Readin
         order.settings.min_score,
     )
     return _Reading(job, frames, time.perf_counter() - started)
+
+
+def _check_tables(dataset: Dataset, job: SequenceJob) -> None:
+    """The key of the outputs is that of what the catalogue says, so it had better be right."""
+    if dataset.source_hash(job.sequence_id) not in {None, job.source_hash}:
+        raise SequenceError(
+            f"sequence {job.sequence_id}: its tables are not those that the catalogue speaks of: "
+            "an ingest is at work, or was stopped at it. Ingest its source again."
+        )
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hbbatch.dataset import write_aside
+from hbbatch.dataset.atomic import replaced_together
 from hbbatch.errors import DatasetError
 
 KILLED = """
@@ -53,3 +54,59 @@ def test_a_place_that_is_a_folder_is_named(tmp_path: Path, monkeypatch: pytest.M
         with message, write_aside(folder) as aside:
             aside.write_text("new")
     assert not list(tmp_path.iterdir())
+
+
+def written_together(folder: Path, text: str) -> None:
+    """Files `first` and `second` say `text`, `third` is gone."""
+    first, second = folder / "first", folder / "second"
+    with replaced_together([first, second], gone=[folder / "third"]) as asides:
+        for aside in asides:
+            aside.write_text(text)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def test_files_are_replaced_together(tmp_path: Path) -> None:
+    for name in ("first", "second", "third"):
+        (tmp_path / name).write_text("old")
+    written_together(tmp_path, "new")
+    assert contents(tmp_path) == {"first": "new", "second": "new"}
+
+
+@pytest.mark.parametrize("renames", [0, 1, 2])
+def test_the_first_file_is_only_there_beside_others_of_its_time(
+    renames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whenever the process dies, here after so many renames."""
+    written_together(tmp_path, "old")
+    replace, left = Path.replace, renames
+
+    def dying(path: Path, target: Path) -> Path:
+        nonlocal left
+        if not left:
+            raise KeyboardInterrupt
+        left -= 1
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", dying)
+    if renames < 2:
+        with pytest.raises(KeyboardInterrupt):
+            written_together(tmp_path, "new")
+        assert "first" not in contents(tmp_path)
+    else:
+        written_together(tmp_path, "new")
+        assert contents(tmp_path) == {"first": "new", "second": "new"}
+
+
+def test_a_file_that_cannot_be_written_leaves_all_of_them(tmp_path: Path) -> None:
+    written_together(tmp_path, "old")
+    (tmp_path / "file").touch()
+    paths = [tmp_path / "first", tmp_path / "file" / "second"]
+    with (
+        pytest.raises(DatasetError, match=r"file/second: cannot be written"),
+        replaced_together(paths, gone=[tmp_path / "second"]),
+    ):
+        pass
+    assert contents(tmp_path) == {"first": "old", "second": "old", "file": ""}

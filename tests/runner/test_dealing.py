@@ -17,7 +17,7 @@ LONG = 100_000
 
 
 def jobs(*frames: int, detections: int = 1) -> list[SequenceJob]:
-    return [SequenceJob(f"{i:04}", "key", n, detections) for i, n in enumerate(frames)]
+    return [SequenceJob(f"{i:04}", "source", "key", n, detections) for i, n in enumerate(frames)]
 
 
 def test_each_worker_gets_one_group_of_like_lengths() -> None:

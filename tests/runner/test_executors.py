@@ -30,7 +30,7 @@ def order(dataset: Dataset, run: str = "r", load: LoadTracker = load_echo) -> Or
 
 
 def group(*sequence_ids: str) -> Group:
-    return tuple(SequenceJob(i, "key", 3, 6) for i in sequence_ids)
+    return tuple(SequenceJob(i, "source", "key", 3, 6) for i in sequence_ids)
 
 
 def errors(outcomes: list[Outcome]) -> dict[str, str | None]:

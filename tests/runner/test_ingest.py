@@ -85,7 +85,9 @@ def test_tables_of_a_sequence(tmp_path: Path) -> None:
 def test_units_travel_with_the_files(tmp_path: Path) -> None:
     ingest([write_sequence(tmp_path / "kitti")], tmp_path / "out")
     written = pq.read_schema(Dataset(tmp_path / "out").path("detections", "0000"))
-    assert written.equals(schema.DETECTIONS, check_metadata=True)
+    assert written.equals(schema.DETECTIONS)
+    for name in schema.DETECTIONS.names:
+        assert written.field(name).metadata == schema.DETECTIONS.field(name).metadata
     assert written.field("x").metadata[b"unit"] == b"m"
 
 
@@ -278,6 +280,41 @@ def test_failure_in_the_middle_of_a_sequence_leaves_nothing(
     report = ingest([write_sequence(tmp_path / "kitti")], tmp_path / "out")
     assert statuses(report) == {"0000": "failed"}
     assert list(files(tmp_path / "out")) == ["catalog.parquet"]
+
+
+def test_stopped_before_the_catalogue_knew_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The source changes, its ingest is stopped late, and the source goes back to what it was."""
+    source = write_sequence(tmp_path / "kitti", labels=LABELS)
+    ingest([source], tmp_path / "out")
+    before = files(tmp_path / "out")
+    write_sequence(source, labels=LABELS.replace(" 7 ", " 8 "))
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hbbatch.runner.ingest.put_rows", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        ingest([source], tmp_path / "out")
+    monkeypatch.undo()
+    assert files(tmp_path / "out") != before
+    write_sequence(source, labels=LABELS)
+    assert statuses(ingest([source], tmp_path / "out")) == {"0000": "replaced"}
+    assert files(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("table", ["labels", "calibration"])
+def test_a_table_that_cannot_be_written_leaves_the_others(tmp_path: Path, table: str) -> None:
+    source = write_sequence(tmp_path / "kitti", labels=LABELS)
+    ingest([source], tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / table)
+    (tmp_path / "out" / table).touch()
+    before = files(tmp_path / "out")
+    write_sequence(source, labels=LABELS, frames=5)
+    with pytest.raises(DatasetError, match=rf"out/{table}/.*: cannot be written"):
+        ingest([source], tmp_path / "out")
+    assert files(tmp_path / "out") == before
 
 
 def test_source_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> None:

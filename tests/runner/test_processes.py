@@ -103,14 +103,44 @@ KILLED = """
 import os, signal, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from hbbatch.runner.processes import end_with_parent
+from hbbatch.runner.processes import begin_in_pool
 
 if __name__ == "__main__":
-    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent)
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=begin_in_pool)
     print(pool.submit(os.getpid).result(), flush=True)
     pool.submit(time.sleep, 600)
     os.kill(os.getpid(), signal.SIGKILL)
 """
+
+
+STOPPED = """
+import os, signal, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from hbbatch.runner.processes import begin_in_pool, interrupts_blocked
+
+if __name__ == "__main__":
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=begin_in_pool)
+    with interrupts_blocked():
+        done = pool.submit(os.getpid)
+    if EARLY:
+        [pid] = pool._processes
+    else:
+        pid = done.result()
+    os.kill(pid, signal.SIGINT)
+    pool.shutdown()
+"""
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_a_pool_is_interrupted_without_a_word(early: bool, tmp_path: Path) -> None:
+    """While its process loads, and while it waits for work."""
+    script = tmp_path / "parent.py"
+    script.write_text(STOPPED.replace("EARLY", str(early)))
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_a_pool_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:

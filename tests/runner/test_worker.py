@@ -13,7 +13,7 @@ import pytest
 from hbbatch import schema
 from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset, Run
-from hbbatch.dataset.store import write_json
+from hbbatch.dataset.store import table_into, write_json
 from hbbatch.runner import worker
 from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.worker import Order, Outcome, track_group
@@ -27,7 +27,7 @@ def order(dataset: Dataset) -> Order:
 
 
 def group(*sequence_ids: str) -> Group:
-    return tuple(SequenceJob(i, f"key of {i}", 3, 6) for i in sequence_ids)
+    return tuple(SequenceJob(i, "source", f"key of {i}", 3, 6) for i in sequence_ids)
 
 
 def outcomes(dataset: Dataset, *sequence_ids: str) -> dict[str, Outcome]:
@@ -85,6 +85,17 @@ def test_a_sequence_that_cannot_be_read_fails_alone(tmp_path: Path) -> None:
     assert found["a"].error is None
     assert "poses of sequence b" in str(found["b"].error)
     assert "detections of sequence c" in str(found["c"].error)
+    assert not dataset.run("r").status("b").exists()
+
+
+def test_tables_of_another_time_than_the_catalogue_fail_alone(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a", "b")
+    table, path = dataset.detections("b"), dataset.path("detections", "b")
+    with table_into(path, schema.DETECTIONS, path, source_hash="another") as write:
+        write(table)
+    found = outcomes(dataset, "a", "b")
+    assert found["a"].error is None
+    assert "not those that the catalogue speaks of" in str(found["b"].error)
     assert not dataset.run("r").status("b").exists()
 
 
