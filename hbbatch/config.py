@@ -273,14 +273,29 @@ class TrainSettings(Settings):
         return self
 
 
+class _UniqueKeys(yaml.SafeLoader):
+    """The safe loader, but of a key that is given twice the last does not silently win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """See `yaml.SafeLoader`."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{key.value!r} is given twice", key.start_mark
+                )
+            seen.add(str(key.value))
+        return super().construct_mapping(node, deep)
+
+
 def load_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file, safely loaded.
 
     Raises:
-        ConfigError: the file is missing, no YAML, or no mapping.
+        ConfigError: the file is missing, no YAML, or no mapping, or gives a key twice.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.load(path.read_text(), Loader=_UniqueKeys)  # noqa: S506 - it is a safe one
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}). Check the path.") from error
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:

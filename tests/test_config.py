@@ -124,6 +124,8 @@ def test_the_threshold_is_that_of_the_cost_unless_given() -> None:
         ("[1]", "holds a list"),
         ("a: [", "not valid YAML"),
         ("!!python/object/apply:os.getcwd []", "not valid YAML"),
+        ("filter: kalman\nfilter: hybrid", "not valid YAML .'filter' is given twice"),
+        ("output: {min_score: 1, min_score: 2}", "not valid YAML .'min_score' is given twice"),
     ],
 )
 def test_yaml_that_is_no_mapping_is_refused(tmp_path: Path, text: str, expected: str) -> None:

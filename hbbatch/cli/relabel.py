@@ -56,4 +56,4 @@ def _ingested(report: RelabelReport) -> str:
 
     counts = Counter(o.status.value for ingest in report.ingested for o in ingest.outcomes)
     shown = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
-    return f"Dataset {report.dataset}: {shown or 'nothing ingested'}"
+    return f"Dataset {report.dataset}: {shown}" if shown else "Nothing was ingested."

@@ -158,7 +158,8 @@ def _read_sequences(
 ) -> tuple[dict[str, _Sequence], dict[str, str]]:
     """Inputs by sequence id, and the reason by the id of each that cannot be read."""
     inputs, failed = {}, {}
-    replaced = _replaced(dataset, run)
+    manifest = _manifest(run)
+    replaced = _other_inputs(dataset, manifest)
     for sequence_id in ids:
         try:
             if sequence_id in replaced:
@@ -166,6 +167,7 @@ def _read_sequences(
                     f"sequence {sequence_id}: ingested again since run {run.name} tracked it. "
                     "Run `hbbatch track`."
                 )
+            _check_recipe(run, sequence_id, manifest.get("recipe"))
             inputs[sequence_id] = _read_sequence(dataset, run, sequence_id)
         except HbbatchError as error:
             failed[sequence_id] = str(error)
@@ -177,17 +179,32 @@ def _read_sequences(
     return inputs, failed
 
 
-def _replaced(dataset: Dataset, run: Run) -> set[str]:
+def _check_recipe(run: Run, sequence_id: str, expected: str | None) -> None:
+    """A run that some sequences were added to with other settings is scored without the rest."""
+    if read_status(run, sequence_id).get("recipe", expected) != expected:
+        raise SequenceError(
+            f"sequence {sequence_id}: run {run.name} holds tracks of it made with other settings, "
+            "weights or code than its run.json says. Track it again, or keep other settings in a "
+            "run of their own (--run)."
+        )
+
+
+def _other_inputs(dataset: Dataset, manifest: dict[str, Any]) -> set[str]:
     """Ids of sequences whose tracks are of other detections than the dataset holds now."""
-    try:
-        tracked = read_manifest(run).get("inputs", {})
-    except DatasetError:  # of a run that was put together by hand
-        return set()
+    tracked = manifest.get("inputs", {})
     catalog = dataset.catalog()
     now = zip(*(catalog[c].to_pylist() for c in ("sequence_id", "content_hash")), strict=True)
     return {
         sequence_id for sequence_id, content in now if tracked.get(sequence_id, content) != content
     }
+
+
+def _manifest(run: Run) -> dict[str, Any]:
+    """What the run says it was made from; nothing for one that was put together by hand."""
+    try:
+        return read_manifest(run)
+    except DatasetError:
+        return {}
 
 
 def _read_sequence(dataset: Dataset, run: Run, sequence_id: str) -> _Sequence:

@@ -21,6 +21,7 @@ _PACKAGES: Final = ("numpy", "pyarrow", "scipy", "torch")
 def write_manifest(
     run: Run,
     settings: TrackSettings,
+    recipe: str,
     weights_hash: str,
     inputs: Mapping[str, str],
     environment: Mapping[str, str],
@@ -30,6 +31,7 @@ def write_manifest(
     Args:
         run: where.
         settings: resolved settings of the last time the run was made or added to.
+        recipe: hash of what decides outputs; status files name that of theirs.
         weights_hash: hash of the weights' content.
         inputs: content hash by sequence id; ids the run held before are kept.
         environment: how it was started: command line, device.
@@ -43,6 +45,7 @@ def write_manifest(
             "created": before.get("created", now),
             "updated": now,
             "settings": settings.model_dump(mode="json"),
+            "recipe": recipe,
             "weights": {"name": settings.weights, "hash": weights_hash},
             "code_version": code_version(),
             "inputs": {**before.get("inputs", {}), **inputs},

@@ -69,7 +69,15 @@ def code_version() -> str:
 
 def sequence_key(content_hash: str, settings: TrackSettings, weights_hash: str) -> str:
     """Hash of everything that decides the outputs of a sequence."""
-    parts = [content_hash, settings.model_dump_json(), weights_hash, code_version()]
+    return _hash(content_hash, recipe(settings, weights_hash))
+
+
+def recipe(settings: TrackSettings, weights_hash: str) -> str:
+    """Hash of what decides the outputs of all sequences of a run alike."""
+    return _hash(settings.model_dump_json(), weights_hash, code_version())
+
+
+def _hash(*parts: str) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import write_json
-from hbbatch.errors import ExitStatus, HbbatchError
+from hbbatch.errors import ExitStatus, HbbatchError, status_of
 from hbbatch.runner.evaluate import EvaluationReport, evaluate
 from hbbatch.runner.ingest import IngestReport, IngestStatus, ingest
 from hbbatch.runner.jobfile import RelabelJob
@@ -68,6 +68,9 @@ class RelabelReport:
     @property
     def exit_status(self) -> ExitStatus:
         """What the process tells the shell."""
+        if not any(report.outcomes for report in self.ingested):
+            errors = [error for report in self.ingested for error in report.source_errors]
+            return status_of(errors) if errors else ExitStatus.DONE
         if self.errors or (self.evaluated is not None and self.evaluated.failed):
             return ExitStatus.FAILED
         return self.tracked.exit_status if self.tracked else ExitStatus.DONE

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +14,7 @@ from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
 from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.dataset.store import write_table
-from hbbatch.errors import DatasetError, ExitStatus
+from hbbatch.errors import DatasetError, ExitStatus, HbbatchError
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
 from hbbatch.runner.class_names import normalised_classes
 from hbbatch.runner.dealing import Group, deal
@@ -21,7 +22,7 @@ from hbbatch.runner.device import resolved_device
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import read_manifest, write_manifest
-from hbbatch.runner.plan import Plan, make_plan, read_status, select
+from hbbatch.runner.plan import Plan, make_plan, read_status, recipe, select
 from hbbatch.runner.processes import Standby, available_cores
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
 from hbbatch.runner.worker import (
@@ -238,7 +239,7 @@ def track(
     rows = select(dataset.catalog(), request.sequence_ids)
     name = default_run_name(request.settings) if request.run is None else request.run
     run = dataset.run(name)
-    read_manifest(run)
+    is_new = not read_manifest(run)
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)
     groups = deal(plan.to_do, request.workers or available_cores())
@@ -248,14 +249,17 @@ def track(
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)
-        order = Order(dataset, run, request.settings, device, engine.load_tracker)
+        made_with = recipe(request.settings, weights)
+        order = Order(dataset, run, request.settings, device, engine.load_tracker, recipe=made_with)
         executor = _executor(workers, standby or Standby())
         # Two runs at once would vouch for each other's outputs.
         with locked(run.root, wait=False):
-            write_manifest(run, resolved, weights, inputs, environment)
-            outcomes = _execute(order, executor, groups, progress or _silent)
+            write_manifest(run, resolved, made_with, weights, inputs, environment)
+            with _nothing_left_of(run if is_new else None):
+                outcomes = _execute(order, executor, groups, progress or _silent)
             environment["device"] = _devices(outcomes) or request.device
-            write_manifest(run, resolved, weights, inputs, environment)
+            with _no_news(outcomes):
+                write_manifest(run, resolved, made_with, weights, inputs, environment)
     wall_s = time.perf_counter() - started
     return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
 
@@ -294,8 +298,30 @@ def _execute(
                 if outcome.error is not None:
                     _record_failure(order.run, keys[outcome.sequence_id], outcome)
     finally:
-        _write_timing(order, outcomes)
+        with _no_news(outcomes):
+            _write_timing(order, outcomes)
     return outcomes
+
+
+@contextmanager
+def _nothing_left_of(run: Run | None) -> Iterator[None]:
+    """Where no worker could start, a new run has nothing to say: it would be `eval`'s default."""
+    try:
+        yield
+    except HbbatchError:
+        if run is not None and not run.status("any").parent.exists():
+            shutil.rmtree(run.root, ignore_errors=True)
+        raise
+
+
+@contextmanager
+def _no_news(outcomes: Sequence[Outcome]) -> Iterator[None]:
+    """On a full disk the tables of the run fail as well: the sequences that did are to be named."""
+    try:
+        yield
+    except DatasetError:
+        if not any(outcome.error for outcome in outcomes):
+            raise
 
 
 def _record_failure(run: Run, key: str, outcome: Outcome) -> None:

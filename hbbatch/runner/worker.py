@@ -67,6 +67,8 @@ class Order:
     settings: TrackSettings
     device: DeviceName
     load_tracker: LoadTracker
+    recipe: str = ""
+    """What the status files say that outputs were made with (`plan.recipe`)."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +252,8 @@ def _store(desk: _Desk, reading: _Reading, encoded: _Encoded) -> TimingRow:
         aside.write_bytes(encoded.text)
     write_s = encoded.seconds + time.perf_counter() - started
     timing = timing_row(encoded.tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
-    write_status(run, job.sequence_id, {"state": "done", "key": job.key, "timing": timing})
+    done = {"state": "done", "key": job.key, "recipe": desk.order.recipe, "timing": timing}
+    write_status(run, job.sequence_id, done)
     return timing
 
 

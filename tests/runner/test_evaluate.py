@@ -203,3 +203,15 @@ def test_what_failed_or_was_replaced_since_is_not_scored(in_space: Dataset) -> N
     write_json(run.manifest, {"format_version": 1, "inputs": {"a": "what it was before"}})
     with pytest.raises(SequenceError, match="ingested again since run mixed tracked it"):
         evaluate(in_space.root, "mixed", ["a"])
+
+
+def test_what_was_made_with_other_settings_is_not_scored(in_space: Dataset) -> None:
+    """A run of some sequences, to which one was added with another filter."""
+    run = in_space.run("mixed")
+    for sequence_id, recipe in (("a", "kalman"), ("b", "hybrid")):
+        write_tracks(in_space, "mixed", sequence_id, car_boxes())
+        write_json(run.status(sequence_id), {"state": "done", "recipe": recipe})
+    write_json(run.manifest, {"format_version": 1, "recipe": "kalman"})
+    report = evaluate(in_space.root, "mixed")
+    assert set(report.failed) == {"b"}
+    assert "made with other settings, weights or code" in report.failed["b"]

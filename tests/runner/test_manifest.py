@@ -23,7 +23,9 @@ def run(tmp_path: Path) -> Run:
 
 
 def write(run: Run, inputs: dict[str, str]) -> None:
-    write_manifest(run, SETTINGS, "w", inputs, {"command": "hbbatch track", "device": "cpu"})
+    write_manifest(
+        run, SETTINGS, "recipe", "w", inputs, {"command": "hbbatch track", "device": "cpu"}
+    )
 
 
 def test_it_says_what_a_run_was_made_from(run: Run) -> None:

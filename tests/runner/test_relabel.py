@@ -15,6 +15,7 @@ from hbbatch.runner.jobfile import RelabelJob, SourceJob
 from hbbatch.runner.relabel import RelabelReport, relabel
 from hbbatch.runner.track import HYBRIDTRACK, Engine
 from hbbatch.runner.worker import LoadTracker
+from tests import logs
 from tests.runner.kitti_folder import copy_sequences
 
 
@@ -105,3 +106,12 @@ def test_a_job_that_finds_nothing_tracks_nothing(job: RelabelJob) -> None:
     assert report.tracked is None
     assert report.exit_status == ExitStatus.FAILED
     assert not job.dataset.exists()
+
+
+def test_a_topic_that_is_nowhere_is_a_usage_error_as_it_is_of_ingest(tmp_path: Path) -> None:
+    log = logs.LogWriter()
+    log.add("/d", 0, logs.detections(1_000_000_000, "map", []))
+    source = SourceJob(path=log.write(tmp_path / "drive.mcap"), topics=("/nowhere",))
+    report = relabel(RelabelJob(dataset=tmp_path / "data", sources=(source,)))
+    assert report.exit_status == ExitStatus.USAGE
+    assert any("/nowhere" in error for error in report.errors)

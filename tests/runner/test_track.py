@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from hbbatch.runner.track import (
     track,
 )
 from tests.runner.kitti_folder import copy_sequences
-from tests.runner.small_dataset import ECHO, catalog_row, make_dataset, write_catalog
+from tests.runner.small_dataset import ECHO, catalog_row, load_fails, make_dataset, write_catalog
 
 SETTINGS = TrackSettings()
 
@@ -279,6 +281,40 @@ def test_a_run_that_another_process_writes_is_left_alone(tmp_path: Path) -> None
         run_track(dataset, run="mine")
     assert not list(run.root.iterdir())
     assert run_track(dataset, run="mine").tracked == ("a",)
+
+
+def test_a_new_run_that_cannot_start_leaves_nothing(tmp_path: Path) -> None:
+    """It would be the latest, which `hbbatch eval` takes."""
+    dataset = make_dataset(tmp_path, "a")
+    request = TrackRequest(dataset.root, TrackSettings(min_score=0.5), workers=1, device="cpu")
+    kept = run_track(dataset)
+    with pytest.raises(WeightsError):
+        track(request, engine=replace(ECHO, load_tracker=load_fails))
+    assert dataset.run_names() == [kept.run]
+    renewed = replace(request, settings=SETTINGS, run=kept.run)
+    dataset.run(kept.run).status("a").unlink()
+    with pytest.raises(WeightsError):
+        track(renewed, engine=replace(ECHO, load_tracker=load_fails))
+    assert dataset.run_names() == [kept.run]
+
+
+def test_on_a_full_disk_the_sequences_that_failed_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = make_dataset(tmp_path, "a", "b")
+    renamed = Path.replace
+
+    def full(path: Path, target: Path) -> Path:
+        if "a.txt" in target.name or "timing" in target.name:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return renamed(path, target)
+
+    monkeypatch.setattr(Path, "replace", full)
+    report = run_track(dataset)
+    assert report.tracked == ("b",)
+    assert "No space left on device" in report.failed["a"]
+    with pytest.raises(DatasetError, match=r"timing\.parquet: cannot be written"):
+        run_track(dataset, "b", run="other")
 
 
 def test_a_status_without_timing_is_no_row_of_the_timing_table(tmp_path: Path) -> None:
