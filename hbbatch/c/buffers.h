@@ -14,6 +14,13 @@
 #define MOST(a, b) ((a) > (b) ? (a) : (b))
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
+/* Compiled twice, with all that it calls: for processors with AVX2, and for all others of the kind. */
+#if defined(__x86_64__) && defined(__GNUC__) && defined(__gnu_linux__) && defined(__GLIBC__)
+#define FOR_EACH_PROCESSOR __attribute__((flatten, target_clones("avx2", "default")))
+#else
+#define FOR_EACH_PROCESSOR
+#endif
+
 enum { MOST_ARRAYS = 12 };
 
 typedef struct {

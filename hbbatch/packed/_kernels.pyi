@@ -83,32 +83,26 @@ def birth(
 ) -> None:
     """`PackedKalman.birth`, given what is newborn of each kind."""
 
-def predict_features(
-    layout: IntArray,
-    boxes: FloatArray,
-    state: Single,
-    times: Single,
-    frames: IntArray,
-    limit: Single,
-    features: Single,
-    /,
-) -> None:
-    """What the residual predictor sees, written to `features`."""
-
 def predict(
     layout: IntArray,
     boxes: FloatArray,
     state: Single,
     times: Single,
     frames: IntArray,
-    rates: Single,
     damping: FloatArray,
     prior: FloatArray,
+    limit: Single,
+    encoder: Single,
+    heads_in: Single,
+    heads_out: Single,
     /,
 ) -> None:
-    """`PackedKalman.predict` with learned rates `(3, n)` or none, damping `(n,)` or none."""
+    """`PackedKalman.predict` with the layers of `network.residual_layers`, which may have no rows.
 
-def update_features(
+    Damping is `(n,)` or none; prior boxes are written to `prior` `(7, n)`.
+    """
+
+def update(
     layout: IntArray,
     boxes: FloatArray,
     state: Single,
@@ -116,36 +110,13 @@ def update_features(
     seen: Single,
     detections: IntArray,
     limit: Single,
-    apart: Single,
-    features: Single,
+    gates: Single,
+    kept: Single,
+    candidate: Single,
+    read_out: Single,
     /,
 ) -> None:
-    """Innovations, written to `apart`, and what the gain network sees, if `features` has rows."""
-
-def update(
-    layout: IntArray,
-    boxes: FloatArray,
-    state: Single,
-    seen: Single,
-    detections: IntArray,
-    apart: Single,
-    memory: Single,
-    said: Single,
-    /,
-) -> None:
-    """`PackedKalman.update` given innovations; memory of the gain network and `(8, n)` it said.
-
-    Either may be none: of the classical filter, and of a gain that was not learned.
-    """
-
-def rectify(outputs: Single, /) -> None:
-    """Outputs become twice what a rectifier makes of them."""
-
-def reset_memory(gates: Single, remembered: Single, candidate: Single, /) -> None:
-    """What the first gates let through of `remembered` is added to the candidate."""
-
-def mix_memory(gates: Single, candidate: Single, features: Single, /) -> None:
-    """Memory, which the features begin with, is kept where the second gates say; else candidate."""
+    """`PackedKalman.update` with the layers of `network.gain_layers`, which may have no rows."""
 
 def local_fit(
     owner: IntArray,

@@ -21,21 +21,17 @@ from hbbatch.motion.constants import AXES, FARTHEST, RANGE_UNIT_M
 from hbbatch.motion.covariance import pairs
 from hbbatch.motion.parameters import KalmanOptions, Parameters
 from hbbatch.packed import kernels
-from hbbatch.packed.arrays import NONE, IntArray, Single
+from hbbatch.packed.arrays import IntArray, Single
 from hbbatch.packed.covariance import PackedCovariance
 from hbbatch.packed.layout import layout
+from hbbatch.packed.network import NO_GAIN, NO_RESIDUAL
 
 DETECTION: Final = Columns({"size_variance": 3, "variance": AXES, "range": 2, "ahead": 2})
 """What is known of a detection before it is matched: variances of its sizes and its motion axes;
 its horizontal distance from the sensor in `RANGE_UNIT_M`, its height above it in m; the horizontal
 direction it is seen in (world axes, of unit length beyond a metre)."""
 
-APART_ROWS: Final = 10
-"""Innovation `(7, n)` of a packed box in the heading frame, cosine and sine of that heading, cosine
-of the angle between measured and prior heading."""
-
 _UNDAMPED: Final = np.empty(0)
-_NO_LIMIT: Final = np.empty(0, np.float32)
 
 
 def kalman_rows(model: MotionModel) -> dict[str, int]:
@@ -83,6 +79,7 @@ class PackedKalman:
         self.velocity = self._rows["velocity"].start
         self.layout = layout(self._rows, options.model, self._covariance.mixed)
         self.newborn = self._newborn(parameters)
+        self._residual_layers, self._gain_layers = NO_RESIDUAL, NO_GAIN
 
     def _newborn(self, parameters: Parameters) -> Single:
         rows = self._rows
@@ -162,21 +159,11 @@ class PackedKalman:
         Returns:
             `(7, n)` prior boxes in the order of a box's fields.
         """
-        return self._advance(boxes, state, times, frames, damping, NONE)
-
-    def _advance(
-        self,
-        boxes: FloatArray,
-        state: Single,
-        times: Single,
-        frames: IntArray,
-        damping: FloatArray | None,
-        rates: Single,
-    ) -> FloatArray:
-        """`predict` with learned rates `(3, n)` along, across and of yaw, or none."""
         prior = np.empty((7, len(frames)))
         share = _UNDAMPED if damping is None else damping
-        kernels.predict(self.layout, boxes, state, times, frames, rates, share, prior)
+        kernels.predict(
+            self.layout, boxes, state, times, frames, share, prior, *self._residual_layers
+        )
         return prior
 
     def update(
@@ -188,11 +175,7 @@ class PackedKalman:
         detections: IntArray,
     ) -> None:
         """Correct the first columns by detections `(n,)`, rows of `measured` and `seen`."""
-        apart = np.empty((APART_ROWS, len(detections)), np.float32)
-        kernels.update_features(
-            self.layout, boxes, state, measured, seen, detections, _NO_LIMIT, apart, NONE
-        )
-        kernels.update(self.layout, boxes, state, seen, detections, apart, NONE, NONE)
+        kernels.update(self.layout, boxes, state, measured, seen, detections, *self._gain_layers)
 
 
 def by_kind(parameter: Single) -> Single:

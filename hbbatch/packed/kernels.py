@@ -18,15 +18,10 @@ if AVAILABLE:
         lines,
         local_fit,
         match,
-        mix_memory,
         predict,
-        predict_features,
-        rectify,
-        reset_memory,
         say,
         settle,
         update,
-        update_features,
     )
 
 __all__ = [
@@ -36,13 +31,8 @@ __all__ = [
     "lines",
     "local_fit",
     "match",
-    "mix_memory",
     "predict",
-    "predict_features",
-    "rectify",
-    "reset_memory",
     "say",
     "settle",
     "update",
-    "update_features",
 ]

@@ -1,107 +1,106 @@
-"""The two learned parts: weights packed into a few matrices, products in numpy.
-
-`dot` costs a small product half a microsecond less than `matmul`.
-"""
+"""The two learned parts: weights laid out as the kernels multiply them (`c/network.h`)."""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
 from hbbatch.motion.parameters import Parameters
-from hbbatch.packed import kernels
-from hbbatch.packed.arrays import NONE, Single
+from hbbatch.packed.arrays import NONE, NOTHING, Single
 from hbbatch.packed.features import Features
 
+_TILE_ROWS: Final = 8
 
-class PackedResidual:
-    """`ResidualPredictor` as three matrices; a row of ones in each input carries the biases.
+NO_RESIDUAL: Final = (NOTHING, NONE, NONE, NONE)
+NO_GAIN: Final = (NOTHING, NONE, NONE, NONE, NONE)
 
-    Rectified outputs are twice what they are in the module, and the next layer's weights half.
+
+def residual_layers(
+    parameters: Parameters, features: Features
+) -> tuple[Single, Single, Single, Single]:
+    """`ResidualPredictor`: limits of its input, encoder, hidden layer, outputs of all heads.
+
+    Args:
+        parameters: by their names in the module.
+        features: what its input looks like here.
     """
-
-    def __init__(self, parameters: Parameters, features: Features) -> None:
-        """Parameters by their names in the module, and what its input looks like here."""
-        encoder = features.layer(parameters["encoder.weight"], parameters["encoder.bias"])
-        one = features.rows["one"].start
-        self._encoder = _with_ones(encoder, one)
-        heads_in = _affine(parameters, "heads_in")
-        self._heads_in = _with_ones(heads_in, heads_in.shape[1] - 1) * np.float32(0.5)
-        heads = [_affine(parameters, f"heads_out.{name}") for name in HEADS]
-        unit = np.array(list(RESIDUAL_UNIT.values()), np.float32)[:, None]
-        self._heads_out = _beside_another(heads) * (0.5 * unit)
-
-    def __call__(self, features: Single) -> Single:
-        """Rates `(3, n)` along, across and of yaw."""
-        encoded: Single = self._encoder.dot(features)
-        kernels.rectify(encoded)
-        said: Single = self._heads_in.dot(encoded)
-        kernels.rectify(said)
-        rates: Single = self._heads_out.dot(said)
-        return rates
+    encoder = features.layer(parameters["encoder.weight"], parameters["encoder.bias"])
+    hidden, hidden_bias = parameters["heads_in.weight"], parameters["heads_in.bias"]
+    names = [f"heads_out.{name}" for name in HEADS]
+    heads = _beside_another([parameters[f"{name}.weight"] for name in names])
+    biases = np.concatenate([parameters[f"{name}.bias"] for name in names])
+    unit = np.array(list(RESIDUAL_UNIT.values()), np.float32)
+    return (
+        features.limit,
+        tiled(encoder),
+        tiled(hidden, hidden_bias, _whole(len(encoder))),
+        tiled(heads * unit[:, None], biases * unit, _whole(len(hidden))),
+    )
 
 
-class PackedGain:
-    """`GainNetwork` with the gates' matrices side by side.
+def gain_layers(
+    parameters: Parameters, features: Features
+) -> tuple[Single, Single, Single, Single, Single]:
+    """`GainNetwork`: limits, gates, what is remembered, candidate, and what is said of noise.
 
-    Gates are 0.5 + 0.5·tanh(x / 2), the module's sigmoid, for numpy has a fast tanh.
+    What is said lies in [-1, 1]: factors' logarithms over `LARGEST_SAID`, of process and
+    measurement; it has no layer where only the prediction was learned. The kernels have the
+    hyperbolic tangent as 2 sigmoid(2 x) - 1; this 2 x is in the weights.
+
+    Args:
+        parameters: by their names in the module.
+        features: what its input looks like here.
     """
-
-    def __init__(self, parameters: Parameters, features: Features) -> None:
-        """Parameters by their names in the module, and what its input looks like here."""
-        given, kept = parameters["recurrent.weight_ih"], parameters["recurrent.weight_hh"]
-        given_bias, kept_bias = parameters["recurrent.bias_ih"], parameters["recurrent.bias_hh"]
-        self._memory = kept.shape[1]
-        gates, rest = slice(0, 2 * self._memory), slice(2 * self._memory, None)
-        both = features.layer(np.hstack([kept, given]), given_bias + kept_bias)
-        self._gates = 0.5 * both[gates]
-        forgetful = features.layer(np.hstack([np.zeros_like(kept), given]), given_bias)
-        self._candidate = forgetful[rest, self._memory :].copy()
-        self._kept = np.hstack([kept, kept_bias[:, None]])[rest].copy()
-        self._read_out = _affine(parameters, "read_out") / np.float32(LARGEST_SAID)
-        self._silent = not self._read_out.any()
-
-    def __call__(self, features: Single) -> Single:
-        """Replaces the memory, which the features begin with; what is said of noise, `(8, n)`.
-
-        That is in [-1, 1]: factors' logarithms over `LARGEST_SAID`, of process and measurement.
-        Nothing, where only the prediction was learned.
-        """
-        with_one = features[: self._memory + 1]
-        gates: Single = self._gates.dot(features)
-        np.tanh(gates, out=gates)
-        remembered: Single = self._kept.dot(with_one)
-        candidate: Single = self._candidate.dot(features[self._memory :])
-        kernels.reset_memory(gates, remembered, candidate)
-        np.tanh(candidate, out=candidate)
-        kernels.mix_memory(gates, candidate, features)
-        if self._silent:
-            return NONE
-        said: Single = self._read_out.dot(with_one)
-        np.tanh(said, out=said)
-        return said
+    given, kept = parameters["recurrent.weight_ih"], parameters["recurrent.weight_hh"]
+    given_bias, kept_bias = parameters["recurrent.bias_ih"], parameters["recurrent.bias_hh"]
+    memory = kept.shape[1]
+    reset, keep, rest = (slice(i * memory, (i + 1) * memory) for i in range(3))
+    both = features.layer(np.hstack([kept, given]), given_bias + kept_bias)
+    forgetful = features.layer(np.hstack([np.zeros_like(kept), given]), given_bias)
+    read_out, unit = parameters["read_out.weight"], np.float32(2.0 / LARGEST_SAID)
+    read_out_bias = parameters["read_out.bias"]
+    silent = not (read_out.any() or read_out_bias.any())
+    return (
+        features.limit,
+        np.concatenate([tiled(both[reset]), tiled(both[keep])]),
+        tiled(2.0 * kept[rest], 2.0 * kept_bias[rest]),
+        tiled(2.0 * forgetful[rest, memory:]),
+        NONE if silent else tiled(unit * read_out, unit * read_out_bias),
+    )
 
 
-def _affine(parameters: Parameters, layer: str) -> Single:
-    """Weights and, in a last column, biases of a linear layer."""
-    return np.hstack([parameters[f"{layer}.weight"], parameters[f"{layer}.bias"][:, None]])
+def tiled(weights: Single, biases: Single | None = None, inputs: int | None = None) -> Single:
+    """A layer as the kernels take it, `(tiles * (1 + inputs), 8)`.
+
+    For each tile of eight outputs a row with their biases, then one for each input; what fills up
+    the last tile, and inputs beyond those of the weights, are zeros.
+
+    Args:
+        weights: `(outputs, k)`.
+        biases: `(outputs,)`, zeros by default.
+        inputs: k at least, and k by default.
+    """
+    outputs, width = weights.shape
+    whole = np.zeros((_whole(outputs), 1 + (inputs or width)), np.float32)
+    whole[:outputs, 0] = 0.0 if biases is None else biases
+    whole[:outputs, 1 : 1 + width] = weights
+    tiles = whole.reshape(-1, _TILE_ROWS, whole.shape[1]).transpose(0, 2, 1)
+    return np.ascontiguousarray(tiles).reshape(-1, _TILE_ROWS)
 
 
-def _with_ones(layer: Single, one: int) -> Single:
-    """A layer with one more output, which is one where row `one` of the input is."""
-    ones = np.zeros_like(layer[:1])
-    ones[0, one] = 1.0
-    return np.concatenate([layer, ones])
+def _whole(outputs: int) -> int:
+    """Outputs in whole tiles."""
+    return -(-outputs // _TILE_ROWS) * _TILE_ROWS
 
 
 def _beside_another(layers: list[Single]) -> Single:
-    """Layers with inputs of their own as one layer: weights block by block, then all biases."""
-    inputs = sum(layer.shape[1] - 1 for layer in layers)
-    whole = np.zeros((sum(len(layer) for layer in layers), inputs + 1), np.float32)
+    """Weights of layers with inputs of their own as those of one layer: block by block."""
+    whole = np.zeros((sum(len(w) for w in layers), sum(w.shape[1] for w in layers)), np.float32)
     row = column = 0
-    for layer in layers:
-        outputs, width = len(layer), layer.shape[1] - 1
-        whole[row : row + outputs, column : column + width] = layer[:, :-1]
-        whole[row : row + outputs, -1] = layer[:, -1]
-        row, column = row + outputs, column + width
+    for weights in layers:
+        below, beside = row + weights.shape[0], column + weights.shape[1]
+        whole[row:below, column:beside] = weights
+        row, column = below, beside
     return whole

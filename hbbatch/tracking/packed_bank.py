@@ -20,8 +20,8 @@ from hbbatch.tracking.schedule import Schedule
 def packed_banks(file: WeightsFile) -> MakeBank:
     """Banks of the packed filter of a weights file; numpy multiplies in one thread from here on.
 
-    Products of a hundred rows gain nothing from a second thread, and lose several times over where
-    it has to wait for a core that another worker has.
+    What is left to it gains nothing from a second thread, and loses where that has to wait for a
+    core that another worker has.
 
     Raises:
         WeightsError: the file does not fit this version's filters.

@@ -14,35 +14,38 @@ from typing import Any
 
 import numpy as np
 import pytest
+from torch import nn
 
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.motion import constants
 from hbbatch.packed import kalman
-from hbbatch.packed.kalman import APART_ROWS, DETECTION
+from hbbatch.packed.kalman import DETECTION
 from tests.model.twins import packed
 
 ROWS, SEEN = 5, 8
 REFUSALS = (ValueError, TypeError, OverflowError)
 
 
+def _hybrid(*, learn_gain: bool = True) -> HybridFilter:
+    """A filter whose gain network says something, or not."""
+    module = HybridFilter(("a", "b"), "ca")
+    nn.init.constant_(module.gain.read_out.weight, 0.1 if learn_gain else 0.0)
+    nn.init.zeros_(module.gain.read_out.bias)
+    return module
+
+
 def calls(kernels: ModuleType) -> dict[str, tuple[Callable[..., object], list[Any]]]:
     """Each kernel with arguments that fit."""
-    motion = packed(HybridFilter(("a", "b"), "ca").eval())
+    motion, silent = (packed(module.eval()) for module in (_hybrid(), _hybrid(learn_gain=False)))
     plain = packed(KalmanFilter(("a", "b"), "ct").eval())
-    before, after = motion._before.rows.width, motion._after.rows.width
     numbers, rows = np.arange(ROWS), np.array([4, 1])
     boxes, state = np.ones((7, 9)), np.ones((motion.height, 10), np.float32)
     plain_state = np.ones((plain.height, 9), np.float32)
     measured = np.ones((SEEN, 7))
     seen = np.ones((SEEN, DETECTION.width), np.float32)
     times, plain_times = (m.times(np.full(6, 0.1, np.float32)) for m in (motion, plain))
-    none, apart = np.empty((0, 0), np.float32), np.ones((APART_ROWS, ROWS), np.float32)
-    limits = motion._before.limit, motion._after.limit
     kinds = np.zeros(SEEN, np.int64)
-    features = [np.ones((width, ROWS), np.float32) for width in (before, after)]
-    rates, said = np.ones((3, ROWS), np.float32), np.ones((8, ROWS), np.float32)
-    half, whole = np.ones((4, ROWS), np.float32), np.ones((8, ROWS), np.float32)
     known = [motion.layout, boxes, state]
     plain_known = [plain.layout, boxes, plain_state]
     return {
@@ -59,34 +62,29 @@ def calls(kernels: ModuleType) -> dict[str, tuple[Callable[..., object], list[An
             kernels.birth,
             [motion.layout, motion.newborn, kinds, measured, seen, rows, boxes, state, 7],
         ),
-        "predict_features": (
-            kernels.predict_features,
-            [*known, times, numbers, limits[0], features[0]],
-        ),
         "predict": (
             kernels.predict,
-            [*known, times, numbers, rates, np.ones(ROWS), np.ones((7, ROWS))],
+            [*known, times, numbers, np.ones(ROWS), np.ones((7, ROWS)), *motion._residual_layers],
         ),
-        "predict without rates": (
+        "predict without layers": (
             kernels.predict,
-            [*plain_known, plain_times, numbers, none, np.empty(0), np.ones((7, ROWS))],
+            [
+                *[*plain_known, plain_times, numbers, np.empty(0), np.ones((7, ROWS))],
+                *plain._residual_layers,
+            ],
         ),
-        "update_features": (
-            kernels.update_features,
-            [*known, measured, seen, numbers, limits[1], apart, features[1]],
+        "update": (
+            kernels.update,
+            [*known, measured, seen, numbers, *motion._gain_layers],
         ),
-        "update": (kernels.update, [*known, seen, numbers, apart, features[1], said]),
         "update with nothing said": (
             kernels.update,
-            [*known, seen, numbers, apart, features[1], none],
+            [*known, measured, seen, numbers, *silent._gain_layers],
         ),
-        "update without factors": (
+        "update without layers": (
             kernels.update,
-            [*plain_known, seen, numbers, apart, none, none],
+            [*plain_known, measured, seen, numbers, *plain._gain_layers],
         ),
-        "rectify": (kernels.rectify, [apart]),
-        "reset_memory": (kernels.reset_memory, [whole, half, half.copy()]),
-        "mix_memory": (kernels.mix_memory, [whole, half, half.copy()]),
     }
 
 
@@ -106,16 +104,11 @@ NAMES = (
     "arrange",
     "say",
     "birth",
-    "predict_features",
     "predict",
-    "predict without rates",
-    "update_features",
+    "predict without layers",
     "update",
     "update with nothing said",
-    "update without factors",
-    "rectify",
-    "reset_memory",
-    "mix_memory",
+    "update without layers",
 )
 
 
@@ -159,7 +152,7 @@ def test_matrices_that_are_too_small_are_refused(kernels: ModuleType, name: str)
     for place, value in enumerate(right):
         if isinstance(value, int) or value.ndim != 2 or not value.size:
             continue
-        if name in {"rectify", "arrange"}:  # a row is a row
+        if name == "arrange":  # a row is a row
             continue
         few = np.ascontiguousarray(value[:2])
         with pytest.raises(ValueError, match="do not agree"):
@@ -203,7 +196,7 @@ def test_a_row_matched_twice_is_refused(kernels: ModuleType) -> None:
 def test_any_layout_is_checked(kernels: ModuleType) -> None:
     """Layouts of random numbers are refused or lead nowhere beyond the state."""
     rng = np.random.default_rng(0)
-    for name in ("birth", "predict_features", "predict", "update_features", "update"):
+    for name in ("birth", "predict", "update"):
         kernel, right = calls(kernels)[name]
         for _ in range(300):
             layout = right[0].copy()

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from safetensors.numpy import save_file
 
-from hbbatch.config import TrackSettings
+from hbbatch.config import FilterName, TrackSettings
 from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.errors import ConfigError, DatasetError, ExitStatus, UsageError, WeightsError
 from hbbatch.runner import plan
@@ -258,15 +258,17 @@ def test_a_config_file_with_an_unknown_key_is_refused(tmp_path: Path) -> None:
         resolve_settings(config, {})
 
 
+@pytest.mark.usefixtures("kernels")
+@pytest.mark.parametrize("name", ["kalman", "hybrid"])
 def test_real_tracks_do_not_depend_on_the_number_of_workers(
-    test_data: Path, tmp_path: Path
+    test_data: Path, tmp_path: Path, name: FilterName
 ) -> None:
     source = copy_sequences(test_data, tmp_path / "kitti", "0003", "0012", "0014")
     ingest([source], tmp_path / "data")
-    settings = TrackSettings(filter="kalman")
+    settings = TrackSettings(filter=name)
     reports = [
-        track(TrackRequest(tmp_path / "data", settings, run=name, workers=count, device="cpu"))
-        for name, count in (("one", 1), ("two", 2))
+        track(TrackRequest(tmp_path / "data", settings, run=run, workers=count, device="cpu"))
+        for run, count in (("one", 1), ("two", 2))
     ]
     for sequence_id in ("0003", "0012", "0014"):
         one, two = (Dataset(tmp_path / "data").run(r.run).kitti(sequence_id) for r in reports)

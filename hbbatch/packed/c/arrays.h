@@ -12,7 +12,6 @@
 
 /* What the module offers. */
 typedef PyObject *Kernel(PyObject *module, PyObject *const *given, Py_ssize_t count);
-Kernel match, settle, arrange, say, birth, predict_features, predict, update_features, update;
-Kernel rectify, reset_memory, mix_memory, lines, local_fit;
+Kernel match, settle, arrange, say, birth, predict, update, lines, local_fit;
 
 #endif

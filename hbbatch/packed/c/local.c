@@ -61,7 +61,7 @@ static inline void fit(const int64_t *owner, const double *time, const double *v
 }
 
 /* local_fit(owner, time_s, values, weights, fitted, reach_s) -> None */
-PyObject *local_fit(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *local_fit(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "l1d1d2d1D2", 1);

@@ -78,7 +78,9 @@ static double ciou_3d(const Shape *p, const Shape *d, double threshold) {
     if (least > 0.0) shared = shared_area(pose, d->half, p->half) * overlap;
     double rest = 1.0 - shared / (p->volume + d->volume - shared), spread = far / span;
     if (!(rest + spread < threshold)) return INFINITY;
-    double v = atan2(p->half[0], p->half[1]) - atan2(d->half[0], d->half[1]);
+    /* The difference of the angles that length and width make. */
+    double v = atan2(p->half[0] * d->half[1] - d->half[0] * p->half[1],
+                     p->half[1] * d->half[1] + p->half[0] * d->half[0]);
     v *= v * (4.0 / (PI * PI));
     return v * v / MOST(v + rest, 1e-12) + rest + spread;
 }
@@ -171,7 +173,7 @@ static Py_ssize_t choose(const Pair *pairs, Py_ssize_t found, const Key *keys, P
 
 /* match(priors, track_block, boxes, block, rows, numbers, start, stop, stretch, threshold)
  * -> how many pairs were written; of the detections, boxes (m, 7), those from start to stop. */
-PyObject *match(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *match(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "d2l1d2l1L1L1", 4);

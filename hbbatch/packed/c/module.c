@@ -1,6 +1,6 @@
-/* What a lock step does between matrix products, compiled: each step's element-wise work in one
- * pass. What a function computes is defined by the Python named beside it. No state is kept between
- * calls; scratch is a few rows of BLOCK columns on the stack. Metres, seconds, radians.
+/* What a lock step does, compiled: element-wise work in one pass, and the networks. What a function
+ * computes is defined by the Python named beside it. No state is kept between calls; scratch is a
+ * few rows of BLOCK columns. Metres, seconds, radians.
  */
 #include "arrays.h"
 
@@ -10,13 +10,8 @@ static PyMethodDef methods[] = {
     METHOD(arrange),
     METHOD(say),
     METHOD(birth),
-    METHOD(predict_features),
     METHOD(predict),
-    METHOD(update_features),
     METHOD(update),
-    METHOD(rectify),
-    METHOD(reset_memory),
-    METHOD(mix_memory),
     METHOD(lines),
     METHOD(local_fit),
     {NULL, NULL, 0, NULL},

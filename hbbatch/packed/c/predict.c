@@ -1,5 +1,5 @@
 /* PackedKalman.predict and PackedHybrid.predict. */
-#include "state.h"
+#include "network.h"
 
 /* motion.covariance.propagate: P becomes F P F' + Q. A block takes from later ones only. */
 static void propagate(const Tracks *t, const float *times, Py_ssize_t step, const int64_t *frames) {
@@ -44,12 +44,32 @@ static void advance(const Tracks *t, const float *times, Py_ssize_t step, const 
     turn(v, v + t->step, c, s, 1.0f, t->n);
 }
 
-/* What the residual predictor said, (3, n) along, across and of yaw, becomes rates of the world. */
-static void residual(const Tracks *t, const float *said, Py_ssize_t step, Rows rate) {
+/* What the residual predictor sees, its rows `step` apart: velocity and history in the heading
+ * frame, all else as it is. */
+static void features(const Tracks *t, const Array *high, const float *c, const float *s,
+                     float *in, int step) {
+    Py_ssize_t rows = t->layout[HISTORY_END];
+    for (Py_ssize_t row = 0; row < rows; row++)
+        memcpy(in + row * step, t->state + row * t->step, sizeof(float) * (size_t)t->n);
+    /* Elapsed and tenths are as many rows as a size, so velocity is laid out like a rate. */
+    for (Py_ssize_t row = t->layout[ELAPSED] + PLAN; row < rows; row += BOX)
+        turn(in + row * step, in + (row + 1) * step, c, s, -1.0f, t->n);
+    limit(in, step, high, rows, t->n);
+    fill_up(in, rows, t->n);
+}
+
+/* What the residual predictor says along, across and of yaw, as rates of the world. */
+static void residual(const Tracks *t, const Layer *layers, const Array *high, const float *tenths,
+                     Rows rate) {
     static const int row_of[SAID] = {PLAN, PLAN + 1, YAW};
     const float *learned = part(t, LEARNED);
     float c[BLOCK], s[BLOCK];
+    int step = whole_registers(t->n);
+    SCRATCH(in);
     heading(t->boxes + YAW * t->box_step, c, s, t->n);
+    memcpy(part(t, TENTHS), tenths, sizeof(float) * (size_t)t->n);
+    features(t, high, c, s, in, step);
+    const float *said = this_machine()->residual(layers, in, step);
     for (int row = 0; row < SAID; row++)
         for (int j = 0; j < t->n; j++) rate[row_of[row]][j] = said[row * step + j] * learned[j];
     turn(rate[PLAN], rate[PLAN + 1], c, s, 1.0f, t->n);
@@ -71,61 +91,34 @@ static void remember_step(const Tracks *t, Rows rate, const float *tenths, const
     memcpy(part(t, INVERSE_DT), inverse, bytes);
 }
 
-/* PackedHybrid: velocity and history in the heading frame, all else as it is. */
-PyObject *predict_features(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+/* PackedKalman.predict: predict(layout, boxes, state, times, frames, damping, prior, limit, encoder,
+ * heads_in, heads_out) -> None; the classical filter has no layers. */
+FOR_EACH_PROCESSOR PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "l1d2F2f2l1f1F2", 0);
+    int taken = take(a, given, count, "l1D2F2f2l1d1D2f1f2f2f2", 0);
     if (taken < 0) return NULL;
-    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *out = a + 6;
-    const int64_t *l = layout->view.buf, *frames = a[4].view.buf;
-    Py_ssize_t all = a[4].columns, rows = out->rows;
-    if (!lies_within(layout, state, 1) || boxes->rows != BOX || boxes->columns < all ||
-        state->columns < all || times->rows < WEIGHTS || !within(a + 4, times->columns) ||
-        rows != l[HISTORY_END] || rows > state->rows || out->columns != all || a[5].columns > rows)
-        return release(a, taken), refuse("predict_features: shapes do not agree");
-    for (Py_ssize_t start = 0; start < all; start += BLOCK) {
-        Tracks t = some(layout, boxes, state, start, all);
-        float *features = (float *)out->view.buf + start, c[BLOCK], s[BLOCK];
-        pick((const float *)times->view.buf + IN_TENTHS * times->columns, frames + start, t.n,
-             part(&t, TENTHS));
-        for (Py_ssize_t row = 0; row < rows; row++)
-            memcpy(features + row * all, t.state + row * t.step, sizeof(float) * (size_t)t.n);
-        heading(t.boxes + YAW * t.box_step, c, s, t.n);
-        /* Elapsed and tenths are as many rows as a size, so velocity is laid out like a rate. */
-        for (Py_ssize_t row = l[ELAPSED] + PLAN; row < rows; row += BOX)
-            turn(features + row * all, features + (row + 1) * all, c, s, -1.0f, t.n);
-        limit(features, all, a + 5, rows, t.n);
-    }
-    release(a, taken);
-    Py_RETURN_NONE;
-}
-
-/* PackedKalman.predict and, with what the residual predictor said, PackedHybrid.predict. */
-PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "l1D2F2f2l1f2d1D2", 0);
-    if (taken < 0) return NULL;
-    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *said = a + 5, *out = a + 7;
+    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *out = a + 6, *high = a + 7;
+    const int64_t *l = layout->view.buf;
     Py_ssize_t all = a[4].columns, step = times->columns;
-    int learned = said->rows > 0, damped = a[6].columns > 0;
+    int learned = a[8].rows > 0, damped = a[5].columns > 0;
+    Layer layers[3] = {{0}};
     if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
-        state->columns < all || !within(a + 4, step) || (learned && said->rows != SAID) ||
-        (learned && said->columns != all) || (damped && a[6].columns != all) || out->rows != BOX ||
-        out->columns != all ||
-        times->rows !=
-            WEIGHTS + (layout->columns - LAYOUT_LENGTH) / 2 + blocks_of(layout->view.buf))
+        state->columns < all || !within(a + 4, step) || (damped && a[5].columns != all) ||
+        out->rows != BOX || out->columns != all ||
+        (learned && (l[HISTORY_END] > state->rows || high->columns > l[HISTORY_END] ||
+                     !layers_of(a + 8, 3, l[HISTORY_END], layers) || layers[2].outputs < SAID)) ||
+        times->rows != WEIGHTS + (layout->columns - LAYOUT_LENGTH) / 2 + blocks_of(l))
         return release(a, taken), refuse("predict: shapes do not agree");
     for (Py_ssize_t start = 0; start < all; start += BLOCK) {
         Tracks t = some(layout, boxes, state, start, all);
         const int64_t *frames = (const int64_t *)a[4].view.buf + start;
-        const double *share = (const double *)a[6].view.buf + start;
+        const double *share = (const double *)a[5].view.buf + start;
         double *prior = (double *)out->view.buf + start;
         float rate[BOX][BLOCK] = {{0}}, mean[AXES][BLOCK], time[WEIGHTS][BLOCK];
         for (int row = 0; row < WEIGHTS; row++)
             pick((const float *)times->view.buf + row * step, frames, t.n, time[row]);
-        if (learned) residual(&t, (const float *)said->view.buf + start, all, rate);
+        if (learned) residual(&t, layers, high, time[IN_TENTHS], rate);
         advance(&t, times->view.buf, step, frames, time[DT_S], time[HALF_S], mean);
         for (int axis = 0; axis < AXES; axis++)
             for (int j = 0; j < t.n; j++) rate[MOTION + axis][j] += mean[axis][j];

@@ -25,7 +25,7 @@ static Py_ssize_t sort_out(const int64_t *misses, const int64_t *patience, Py_ss
 
 /* settle(cells, matched, detections, order, count, patience) -> how many live on; detections are
  * put in the order of their rows; tracking.rows.settle_any. */
-PyObject *settle(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *settle(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "L2l1L1L1", 2);
@@ -68,7 +68,7 @@ PyObject *settle(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     } while (0)
 
 /* arrange(matrix, order): column order[i] becomes column i; numbers of 4 or 8 bytes. */
-PyObject *arrange(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *arrange(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "X2l1", 0);
@@ -93,7 +93,7 @@ PyObject *arrange(PyObject *module, PyObject *const *given, Py_ssize_t count) {
 
 /* say(boxes, state, rows, places, said_boxes, said_velocity, velocity): box, in the order of its
  * fields, and velocity (from that row of the state on) of each track to its place. */
-PyObject *say(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *say(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     static const int packed[7] = {3, 4, 5, 0, 1, 2, 6};
     Array a[MOST_ARRAYS];
@@ -117,55 +117,6 @@ PyObject *say(PyObject *module, PyObject *const *given, Py_ssize_t count) {
         for (int axis = 0; axis < 3; axis++)
             velocity_m_s[axis] = speed[axis * a[1].columns + rows[i]];
     }
-    release(a, taken);
-    Py_RETURN_NONE;
-}
-
-/* rectify(x): twice what a rectifier gives, in place (network._twice_rectified). */
-PyObject *rectify(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "F2", 0);
-    if (taken < 0) return NULL;
-    float *x = a[0].view.buf;
-    for (Py_ssize_t i = 0; i < a[0].rows * a[0].columns; i++) x[i] += fabsf(x[i]);
-    release(a, taken);
-    Py_RETURN_NONE;
-}
-
-/* reset_memory(gates, remembered, candidate): what the reset gate lets through is added to the
- * candidate. Gates come as tanh(x / 2); the first rows are the reset gate's. */
-PyObject *reset_memory(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "f2f2F2", 0);
-    if (taken < 0) return NULL;
-    if (a[0].rows != 2 * a[1].rows || a[2].rows != a[1].rows || a[0].columns != a[1].columns ||
-        a[2].columns != a[1].columns)
-        return release(a, taken), refuse("reset_memory: shapes do not agree");
-    const float *reset = a[0].view.buf, *remembered = a[1].view.buf;
-    float *candidate = a[2].view.buf;
-    for (Py_ssize_t i = 0; i < a[1].rows * a[1].columns; i++)
-        candidate[i] += remembered[i] * (0.5f * reset[i] + 0.5f);
-    release(a, taken);
-    Py_RETURN_NONE;
-}
-
-/* mix_memory(gates, candidate, features): the memory, which the features begin with, keeps what the
- * second gate says and takes the rest from the candidate. */
-PyObject *mix_memory(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "f2f2F2", 0);
-    if (taken < 0) return NULL;
-    if (a[0].rows != 2 * a[1].rows || a[2].rows < a[1].rows || a[0].columns != a[1].columns ||
-        a[2].columns != a[1].columns)
-        return release(a, taken), refuse("mix_memory: shapes do not agree");
-    Py_ssize_t cells = a[1].rows * a[1].columns;
-    const float *keep = (const float *)a[0].view.buf + cells, *candidate = a[1].view.buf;
-    float *memory = a[2].view.buf;
-    for (Py_ssize_t i = 0; i < cells; i++)
-        memory[i] = (memory[i] - candidate[i]) * (0.5f * keep[i] + 0.5f) + candidate[i];
     release(a, taken);
     Py_RETURN_NONE;
 }

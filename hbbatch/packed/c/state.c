@@ -77,7 +77,7 @@ static int are_kinds(const int64_t *kinds, const Array *detections, Py_ssize_t c
 
 /* PackedKalman.birth, PackedHybrid.birth: columns from `first` on, begun by detections.
  * birth(layout, newborn, kinds, measured, seen, detections, boxes, state, first) */
-PyObject *birth(PyObject *module, PyObject *const *given, Py_ssize_t count) {
+FOR_EACH_PROCESSOR PyObject *birth(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "l1f2l1d2f2l1D2F2", 1);

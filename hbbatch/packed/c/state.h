@@ -23,6 +23,7 @@ enum { SIZE = 0, PLAN = 3, MOTION = 3, YAW = 6, BOX = 7, AXES = 4, BLOCK = 64 };
 enum { SAID = 3 }; /* motion.constants.RESIDUAL_UNIT */
 enum { COS_ROW = 7, SIN_ROW, AGREEMENT_ROW, APART_ROWS }; /* after an innovation */
 enum { VARIANCE_ROWS = BOX, FROM_SENSOR_ROWS = 4, SEEN_ROWS = 11 }; /* packed.kalman.DETECTION */
+enum { GAIN_ROWS = BOX + FROM_SENSOR_ROWS + AXES }; /* packed.features.update_features */
 
 /* Where a packed box (packed.arrays.PACKED) has the fields of a box, and these it. */
 static const int FIELD[BOX] = {3, 4, 5, 0, 1, 2, 6};

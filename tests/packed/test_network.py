@@ -1,0 +1,56 @@
+"""The networks as they are computed on other processors than this one."""
+
+from __future__ import annotations
+
+import subprocess
+import sysconfig
+from importlib.machinery import ExtensionFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from hbbatch.packed import kalman
+from tests.packed.test_kernels import calls
+
+FOLDER = Path(kalman.__file__).parent / "c"
+SHARED = FOLDER.parents[1] / "c"
+
+
+def compiled(folder: Path, lanes: int) -> ModuleType:
+    """The kernels without registers of more lanes."""
+    target = folder / f"_kernels_{lanes}.so"
+    sources = [str(path) for place in (FOLDER, SHARED) for path in place.glob("*.c")]
+    include = [f"-I{path}" for path in (SHARED, sysconfig.get_paths()["include"])]
+    flags = [*("-std=c11", "-O3", "-ffp-contract=off", "-shared", "-fPIC"), f"-DMOST_LANES={lanes}"]
+    command = ["cc", *flags, *include, *sources, "-o", str(target), "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    loader = ExtensionFileLoader("_kernels", str(target))
+    spec = spec_from_loader("_kernels", loader)
+    assert spec is not None
+    module = module_from_spec(spec)
+    loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("lanes", [4, 8])
+def test_networks_say_the_same_whatever_the_processor(
+    kernels: ModuleType, tmp_path: Path, lanes: int
+) -> None:
+    other = compiled(tmp_path, lanes)
+    for name in ("predict", "update"):
+        here, arguments = calls(kernels)[name]
+        there, others = calls(other)[name]
+        rng = np.random.default_rng(0)
+        arguments[2][:] = rng.uniform(0.1, 2.0, arguments[2].shape)
+        others[2][:] = arguments[2]
+        for place, weights in enumerate(arguments[7:], 7):
+            others[place] = weights
+        before = arguments[2].copy()
+        here(*arguments)
+        there(*others)
+        assert not np.array_equal(arguments[2], before)
+        for mine, theirs in zip(arguments[1:3], others[1:3], strict=True):
+            assert theirs == pytest.approx(mine, rel=1e-4, abs=1e-5)
