@@ -103,7 +103,7 @@ def _machine(workload: Workload) -> Table:
                 "compiled kernels",
                 "in use" if AVAILABLE else "not built: torch steps, numpy matches",
             ),
-            ("matrix products are computed by", _products()),
+            ("numpy multiplies with", _products()),
             ("float32 matrix product, 1024³", f"{big / 1e9:.1f} G multiply-adds/s"),
             ("float32 matrix product, 128 x 95 x 100", f"{small / 1e9:.1f} G multiply-adds/s"),
             ("copy of 64 MB, bytes read and written", f"{copy_rate(64_000_000) / 1e9:.1f} GB/s"),
