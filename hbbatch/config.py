@@ -185,8 +185,8 @@ class OutputSettings(Settings):
     smoothing_s: float = Field(
         1.5,
         ge=0,
-        description="how far away in time detections may be that centres and headings are smoothed "
-        "with (online: headings only, with those before); 0: these stay as the filter has them",
+        description="gap_filled: how far away in time detections may be that centres and headings "
+        "are smoothed with; 0: these stay as the filter has them",
     )
     lead_in_s: float = Field(
         1.0,

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,11 +9,8 @@ from hbbatch.boxes import FloatArray
 from hbbatch.packed import kernels
 from hbbatch.tracking.frames import IntArray
 
-_RIDGE: Final = 1e-8
+_RIDGE = 1e-8
 """Keeps what too few neighbours tell solvable: no slope."""
-
-_STEADINESS: Final = 0.01
-"""So much slope is doubted where the future is not known: a few rows tell little of it."""
 
 
 def local_fit(
@@ -53,7 +47,12 @@ def by_numpy(
     moments = np.zeros((len(owner), 5))
     moments[:, 0] = weights
     sums = np.zeros((len(owner), 3, values.shape[1]))
-    for early, late, apart in _neighbours(owner, time_s, reach_s):
+    for shift in range(1, len(owner)):
+        apart = (time_s[shift:] - time_s[:-shift]) / reach_s
+        (early,) = np.nonzero((owner[shift:] == owner[:-shift]) & (apart < 1.0))
+        if not len(early):
+            break
+        late, apart = early + shift, apart[early]
         _add(moments, sums, early, late, apart, values, weights)
         _add(moments, sums, late, early, -apart, values, weights)
     power = np.arange(3)
@@ -61,37 +60,6 @@ def by_numpy(
     matrix[:, [1, 2], [1, 2]] += _RIDGE * moments[:, :1]
     fitted: FloatArray = values + np.linalg.solve(matrix, sums)[:, 0]
     return fitted
-
-
-def line_so_far(
-    owner: IntArray, time_s: FloatArray, values: FloatArray, weights: FloatArray, reach_s: float
-) -> FloatArray:
-    """Values smoothed by a line through each row and those before it only, `(n, k)`.
-
-    Arguments and weights are those of `local_fit`.
-    """
-    moments = np.zeros((len(owner), 5))
-    moments[:, 0] = weights
-    sums = np.zeros((len(owner), 3, values.shape[1]))
-    for early, late, apart in _neighbours(owner, time_s, reach_s):
-        _add(moments, sums, late, early, -apart, values, weights)
-    mean_time = moments[:, 1] / moments[:, 0]
-    spread = moments[:, 2] - mean_time * moments[:, 1] + _STEADINESS * moments[:, 0]
-    slope = (sums[:, 1] - mean_time[:, None] * sums[:, 0]) / spread[:, None]
-    fitted: FloatArray = values + sums[:, 0] / moments[:, :1] - mean_time[:, None] * slope
-    return fitted
-
-
-def _neighbours(
-    owner: IntArray, time_s: FloatArray, reach_s: float
-) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Rows of one owner within reach: the earlier, the later, how far apart in reaches."""
-    for shift in range(1, len(owner)):
-        apart = (time_s[shift:] - time_s[:-shift]) / reach_s
-        (early,) = np.nonzero((owner[shift:] == owner[:-shift]) & (apart < 1.0))
-        if not len(early):
-            return
-        yield early, early + shift, apart[early]
 
 
 def _add(

@@ -14,7 +14,7 @@ from hbbatch.tracking.confidence import confidence
 from hbbatch.tracking.evidence import TrackScore, evidence_of, score_of_track, score_so_far
 from hbbatch.tracking.frames import IntArray, SequenceFrames
 from hbbatch.tracking.lead_in import add_lead_ins
-from hbbatch.tracking.smoothing import headings_so_far, settle_sizes, smoothed
+from hbbatch.tracking.smoothing import settle_sizes, smoothed
 from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence, TrackState
 
 NO_SCORE = -np.inf
@@ -38,7 +38,6 @@ def refine(
     """
     least = _least_by_class(output.min_track_score, class_names)[tracks.class_code]
     if output.protocol == "online":
-        tracks = headings_so_far(tracks, frames, output.smoothing_s)
         score = score_so_far(tracks)
         kept = _convincing(score, output.min_detections, least)
         return _likely(tracks, kept, score, frames, output, class_names)

@@ -1,7 +1,7 @@
 """Boxes settled by what came before and after them: an offline processor sees both.
 
-Each centre and heading is moved to where the detections nearby in time say that it was, and all
-boxes of a track get one size. Online only the past is known, and only headings are settled by it.
+Online, a filter has the past only. Here each centre and heading is moved to where the detections
+nearby in time say that it was, and all boxes of a track get one size.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hbbatch.boxes import HEIGHT, LENGTH, YAW, FloatArray, wrap_angle
 from hbbatch.model.kinds import KIND_OF_CLASS
 from hbbatch.tracking.frames import IntArray, SequenceFrames
-from hbbatch.tracking.local_fit import line_so_far, local_fit
+from hbbatch.tracking.local_fit import local_fit
 from hbbatch.tracking.tracks import SequenceTracks
 
 _SENSOR_REACH_S: Final = 0.5
@@ -27,15 +27,6 @@ _GAP_WEIGHT: Final = 0.1
 
 _TYPICAL_RESIDUALS: Final = 2.0
 """Detections that are off by more than so many median residuals count less, as Huber's do."""
-
-_PAST_SHARE: Final = 2 / 3
-"""Of the reach, where only the past is known: lines lag behind turns, so shorter ones do best."""
-
-_TYPICAL_TURN_RAD: Final = 0.1
-"""Online, detected headings that are off by more count less."""
-
-_PREDICTED_WEIGHT: Final = 1e-3
-"""Of the filter's own heading where there is no detection: it counts where none is near."""
 
 _LEAST_RANGE_M: Final = 3.0
 _LEAST_RESIDUAL: Final = 1e-9
@@ -88,7 +79,7 @@ def smoothed(tracks: SequenceTracks, frames: SequenceFrames, reach_s: float) -> 
         return tracks
     order = np.lexsort((tracks.frame_index, tracks.track_id))
     ordered = tracks.take(order)
-    time_s = _time_s(ordered, frames)
+    time_s = ((frames.timestamp_ns - frames.timestamp_ns[0]) * 1e-9)[ordered.frame_index]
     measured, seen = _measured(ordered, frames)
     fitted = _robust_fit(ordered, frames, time_s, _poles(measured), seen, reach_s)
     boxes = tracks.boxes.copy()
@@ -97,44 +88,6 @@ def smoothed(tracks: SequenceTracks, frames: SequenceFrames, reach_s: float) -> 
     faced = ordered.boxes[:, YAW]
     boxes[order, YAW] = wrap_angle(heading + np.pi * np.round((faced - heading) / np.pi))
     return replace(tracks, boxes=boxes)
-
-
-def headings_so_far(
-    tracks: SequenceTracks, frames: SequenceFrames, reach_s: float
-) -> SequenceTracks:
-    """Headings as the track's detections up to each row's frame say: by a robust line.
-
-    A filter trusts its turn rate more than a second of headings supports. Centres and sizes stay
-    the filter's, and which way a box faces.
-
-    Args:
-        tracks: of the online protocol.
-        frames: where they were found.
-        reach_s: as of `smoothed`; two thirds of it are used.
-    """
-    if not (reach_s and len(tracks.track_id)):
-        return tracks
-    order = np.lexsort((tracks.frame_index, tracks.track_id))
-    ordered = tracks.take(order)
-    time_s = _time_s(ordered, frames)
-    measured, seen = _measured(ordered, frames)
-    faced = ordered.boxes[:, YAW]
-    even = 0.5 * np.unwrap(2.0 * faced)  # as of boxes without a front
-    headings = (even + 0.5 * wrap_angle(2.0 * (measured[:, YAW] - faced)))[:, None]
-    weights = np.where(seen, 1.0, _PREDICTED_WEIGHT)
-    reach_s *= _PAST_SHARE
-    first = line_so_far(ordered.track_id, time_s, headings, weights, reach_s)
-    weights /= np.maximum(np.abs(headings - first)[:, 0] / _TYPICAL_TURN_RAD, 1.0)
-    fitted = line_so_far(ordered.track_id, time_s, headings, weights, reach_s)
-    boxes = tracks.boxes.copy()
-    boxes[order, YAW] = wrap_angle(faced + fitted[:, 0] - even)
-    return replace(tracks, boxes=boxes)
-
-
-def _time_s(tracks: SequenceTracks, frames: SequenceFrames) -> FloatArray:
-    """Of each row, from the sequence's first frame."""
-    time_s: FloatArray = ((frames.timestamp_ns - frames.timestamp_ns[0]) * 1e-9)[tracks.frame_index]
-    return time_s
 
 
 def _measured(

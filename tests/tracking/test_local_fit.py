@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hbbatch.packed import kernels as built
-from hbbatch.tracking.local_fit import by_numpy, line_so_far, local_fit
+from hbbatch.tracking.local_fit import by_numpy, local_fit
 
 REACH_S = 1.5
 
@@ -44,21 +44,6 @@ def test_a_row_is_what_weighted_least_squares_says_of_its_neighbours() -> None:
             if near.sum() > 4:
                 parabola = np.polyfit(apart[near], values[near, column], 2, w=weight)
                 assert fitted[row, column] == pytest.approx(parabola[-1], abs=1e-3)
-
-
-def test_a_line_so_far_is_what_least_squares_says_of_the_rows_before() -> None:
-    """Its slope is doubted a little: a ridge, here one more equation that says it is zero."""
-    owner, time_s, values, weights = rows(1)
-    fitted = line_so_far(owner, time_s, values, weights, REACH_S)
-    for row in range(len(owner)):
-        apart = (time_s - time_s[row]) / REACH_S
-        near = (owner == owner[row]) & (apart > -1) & (np.arange(len(owner)) <= row)
-        weight = weights[near] * (1 - apart[near] ** 2) ** 2
-        equations = np.column_stack([np.ones(near.sum()), apart[near]])
-        normal = equations.T @ (weight[:, None] * equations)
-        normal[1, 1] += 0.01 * weight.sum()
-        level = np.linalg.solve(normal, equations.T @ (weight[:, None] * values[near]))[0]
-        assert fitted[row] == pytest.approx(level)
 
 
 def test_too_few_neighbours_change_nothing() -> None:

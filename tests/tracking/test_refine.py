@@ -76,14 +76,13 @@ def test_online_a_box_is_judged_by_what_was_known_in_its_frame() -> None:
     assert score_so_far(tracks(rows)).track_score.tolist() == [0.0, 4.0, 0.5, 2.0]
     assert score_so_far(tracks(rows)).detections.tolist() == [1, 1, 2, 3]
     chosen = OutputSettings(protocol="online", min_track_score=1.0)
-    given = tracks(rows)
-    said = refine(given, where_found(given, 3), chosen, ["car"]).tracks
+    said = refine(tracks(rows), sequence([[]] * 3), chosen, ["car"]).tracks
     assert list(zip(said.track_id, said.frame_index, strict=True)) == [(2, 0), (1, 2)]
 
 
-def test_online_boxes_stay_where_they_were_said() -> None:
+def test_online_boxes_are_left_as_they_were_said() -> None:
     given = tracks([(0, 1, 1.0, box(0)), (2, 1, 1.0, box(2, length=5.0))])
-    said = refine(given, where_found(given, 3), OutputSettings(protocol="online"), ["car"]).tracks
+    said = refine(given, sequence([[]] * 3), OutputSettings(protocol="online"), ["car"]).tracks
     assert said.boxes == pytest.approx(given.boxes)
 
 
@@ -145,8 +144,7 @@ def predicted(state: TrackState) -> SequenceTracks:
 
 
 def test_predictions_are_written_only_where_they_are_judged_likely() -> None:
-    given = predicted(TrackState.COASTED)
-    frames = where_found(predicted(TrackState.DETECTED), 15)
+    given, frames = predicted(TrackState.COASTED), sequence([[]] * 15)
     unjudged = OutputSettings(protocol="online")
     assert refine(given, frames, unjudged, ["car"]).tracks.frame_index.max() == 9
     scale = {"car": ScoreScale(typical=3.0, strong=5.0)}

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hbbatch.tracking.frames import SequenceFrames
-from hbbatch.tracking.smoothing import headings_so_far, settle_sizes, smoothed
+from hbbatch.tracking.smoothing import settle_sizes, smoothed
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 from tests.tracking.drives import sequence
 from tests.tracking.test_refine import box, tracks, where_found
@@ -130,69 +130,9 @@ def test_what_was_interpolated_follows_what_was_detected() -> None:
 def test_no_reach_or_no_boxes_change_nothing() -> None:
     given, frames = detected(noisy(standing(np.arange(9) * 0.1)))
     assert smoothed(given, frames, 0.0) is given
-    assert headings_so_far(given, frames, 0.0) is given
-    for settled in (smoothed, headings_so_far):
-        assert len(settled(SequenceTracks.empty(), sequence([]), REACH_S).track_id) == 0
+    assert len(smoothed(SequenceTracks.empty(), sequence([]), REACH_S).track_id) == 0
     once, frames = detected(standing(np.zeros(1)))
     assert smoothed(once, frames, REACH_S).boxes == pytest.approx(once.boxes)
-
-
-@pytest.mark.parametrize("path", [standing, turning])
-def test_online_headings_are_nearer_than_single_detections(path: Path) -> None:
-    truth = path(np.arange(FRAMES) * 0.1)
-    given, frames = detected(noisy(truth))
-    found = headings_so_far(given, frames, REACH_S)
-    before, after = mean_error(given.boxes, truth), mean_error(found.boxes, truth)
-    assert after[1] < 0.65 * before[1]
-    assert (found.boxes[:, :6] == given.boxes[:, :6]).all(), "the filter's"
-
-
-def test_online_headings_follow_an_even_turn() -> None:
-    truth = turning(np.arange(FRAMES) * 0.1)
-    _, off_rad = mean_error(headings_so_far(*detected(truth), REACH_S).boxes, truth)
-    assert off_rad < 0.03
-
-
-@given(st.integers(1, FRAMES), st.integers(0, 10**6))
-def test_online_headings_do_not_know_the_future(known: int, seed: int) -> None:
-    boxes = noisy(turning(np.arange(FRAMES) * 0.1), seed)
-    whole = headings_so_far(*detected(boxes), REACH_S)
-    so_far = headings_so_far(*detected(boxes[:known]), REACH_S)
-    assert (whole.boxes[:known] == so_far.boxes).all()
-
-
-def test_online_one_wrong_heading_hardly_counts() -> None:
-    boxes = noisy(standing(np.arange(FRAMES) * 0.1))
-    boxes[30, 6] += 1.0
-    found = headings_so_far(*detected(boxes), REACH_S)
-    assert np.abs(found.boxes[30:, 6] - 0.4).max() < 0.2
-
-
-def test_online_which_way_a_box_faces_is_the_filters_to_say() -> None:
-    truth = standing(np.arange(FRAMES) * 0.1)
-    given, frames = detected(truth)
-    turned = frames.boxes.copy()
-    turned[::2, 6] += np.pi
-    found = headings_so_far(given, replace(frames, boxes=turned), REACH_S)
-    assert found.boxes[:, 6] == pytest.approx(truth[:, 6], abs=1e-6)
-
-
-def test_online_predictions_long_after_the_last_detection_face_as_the_filter_says() -> None:
-    """So do predictions of a drive of 1 Hz, whose detections are farther apart than the reach."""
-    truth = standing(np.arange(FRAMES) * 0.1)
-    given, frames = detected(truth)
-    predicted = given.frame_index >= 20
-    boxes = given.boxes.copy()
-    boxes[predicted, 6] = 0.7
-    given = replace(
-        given,
-        boxes=boxes,
-        detection_row=np.where(predicted, -1, given.detection_row),
-        state=np.where(predicted, TrackState.COASTED, given.state),
-    )
-    found = headings_so_far(given, frames, REACH_S).boxes[:, 6]
-    assert found[20] == pytest.approx(0.4, abs=0.01), "detections nearby say so"
-    assert found[40:] == pytest.approx(0.7)
 
 
 def test_a_vehicle_gets_the_median_size_of_its_nearer_half() -> None:
