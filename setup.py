@@ -16,7 +16,7 @@ def extension(package: str, name: str) -> Extension:
         [str(path) for folder in folders for path in sorted(folder.glob("*.c"))],
         depends=[str(path) for folder in folders for path in sorted(folder.glob("*.h"))],
         include_dirs=[str(SHARED)],
-        # Nothing is fused or reordered: rounding is the same whatever the machine.
+        # Nothing is fused or reordered but what is written so (packed/c/layers.h).
         extra_compile_args=[
             *("-std=c11", "-O3", "-fvisibility=hidden"),
             "-g0",  # a wheel names no folder of who built it

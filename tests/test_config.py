@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from pydantic import Field
 
 from hbbatch.config import (
@@ -125,6 +126,7 @@ def test_the_threshold_is_that_of_the_cost_unless_given() -> None:
         ("a: [", "not valid YAML"),
         ("!!python/object/apply:os.getcwd []", "not valid YAML"),
         ("filter: kalman\nfilter: hybrid", "not valid YAML .'filter' is given twice"),
+        ("a: !!map foo", "not valid YAML"),
         ("output: {min_score: 1, min_score: 2}", "not valid YAML .'min_score' is given twice"),
     ],
 )
@@ -133,6 +135,13 @@ def test_yaml_that_is_no_mapping_is_refused(tmp_path: Path, text: str, expected:
     path.write_text(text)
     with pytest.raises(ConfigError, match=rf"c\.yaml: {expected}"):
         load_yaml(path)
+
+
+def test_a_key_that_replaces_a_merged_one_is_given_once(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    text = "base: &base {a: 1}\nmid: &mid {<<: *base, a: 2}\n<<: *mid\n1: x\n'1': y\n"
+    path.write_text(text)
+    assert load_yaml(path) == yaml.safe_load(text)
 
 
 def test_an_empty_file_holds_no_settings(tmp_path: Path) -> None:

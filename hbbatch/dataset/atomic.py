@@ -55,12 +55,13 @@ def replaced_together(paths: Sequence[Path], gone: Sequence[Path] = ()) -> Itera
         for path, aside in zip(paths, asides, strict=True):
             with writing(path):
                 _flush(aside)
-        for path in (paths[0], *gone):
-            with writing(path):
-                path.unlink(missing_ok=True)
-        for path, aside in reversed([*zip(paths, asides, strict=True)]):
-            with writing(path):
-                aside.replace(path)
+        with locked(paths[0].parent):  # or two would take each other's places
+            for path in (paths[0], *gone):
+                with writing(path):
+                    path.unlink(missing_ok=True)
+            for path, aside in reversed([*zip(paths, asides, strict=True)]):
+                with writing(path):
+                    aside.replace(path)
 
 
 @contextmanager

@@ -153,6 +153,12 @@ class Dataset:
         """Replace the catalogue."""
         write_table(self.catalog_path, table.sort_by("sequence_id"), schema.CATALOG)
 
+    def source_hashes(self) -> dict[str, str]:
+        """What the catalogue says that each sequence was made of, by id, sorted."""
+        catalog = self.catalog()
+        columns = (catalog[name].to_pylist() for name in ("sequence_id", "source_hash"))
+        return dict(zip(*columns, strict=True))
+
     def sequence_ids(self) -> list[str]:
         """Ids of all sequences, sorted."""
         ids: list[str] = self.catalog()["sequence_id"].to_pylist()
@@ -207,6 +213,20 @@ class Dataset:
         with _reading(path, f"detections of sequence {sequence_id} ({path})") as file:
             said: bytes | None = (file.metadata.metadata or {}).get(_SOURCE_HASH)
         return None if said is None else said.decode()
+
+    def check_tables(self, sequence_id: str, source_hash: str) -> None:
+        """Whether the tables as they lie there are those that the catalogue speaks of.
+
+        To be asked when all of them have been read.
+
+        Raises:
+            DatasetError: they were made of something else, or the detections cannot be read.
+        """
+        if self.source_hash(sequence_id) not in {None, source_hash}:
+            raise DatasetError(
+                f"sequence {sequence_id}: its tables are not those that the catalogue speaks of: "
+                "an ingest is at work, or was stopped at it. Ingest its source again."
+            )
 
     def drop_sequence(self, sequence_id: str) -> None:
         """Remove the tables of a sequence (not its catalogue row, nor results of runs)."""
@@ -298,7 +318,12 @@ def table_into(
         pa.OSFile(str(aside), "wb") as file,
         _appending(file, expected, str(path), source_hash) as append,
     ):
-        yield append
+
+        def named(table: pa.Table) -> None:
+            with writing(path):
+                append(table)
+
+        yield named
 
 
 def table_bytes(table: pa.Table, expected: pa.Schema, what: str) -> pa.Buffer:

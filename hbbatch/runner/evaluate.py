@@ -159,7 +159,7 @@ def _read_sequences(
     """Inputs by sequence id, and the reason by the id of each that cannot be read."""
     inputs, failed = {}, {}
     manifest = _manifest(run)
-    replaced = _other_inputs(dataset, manifest)
+    replaced, sources = _other_inputs(dataset, manifest), dataset.source_hashes()
     for sequence_id in ids:
         try:
             if sequence_id in replaced:
@@ -168,7 +168,10 @@ def _read_sequences(
                     "Run `hbbatch track`."
                 )
             _check_recipe(run, sequence_id, manifest.get("recipe"))
-            inputs[sequence_id] = _read_sequence(dataset, run, sequence_id)
+            read = _read_sequence(dataset, run, sequence_id)
+            if dataset.path("detections", sequence_id).is_file():  # which are not needed here
+                dataset.check_tables(sequence_id, sources[sequence_id])
+            inputs[sequence_id] = read
         except HbbatchError as error:
             failed[sequence_id] = str(error)
     if not inputs:
@@ -181,7 +184,7 @@ def _read_sequences(
 
 def _check_recipe(run: Run, sequence_id: str, expected: str | None) -> None:
     """A run that some sequences were added to with other settings is scored without the rest."""
-    if read_status(run, sequence_id).get("recipe", expected) != expected:
+    if expected is not None and read_status(run, sequence_id).get("recipe", expected) != expected:
         raise SequenceError(
             f"sequence {sequence_id}: run {run.name} holds tracks of it made with other settings, "
             "weights or code than its run.json says. Track it again, or keep other settings in a "

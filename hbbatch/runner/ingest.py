@@ -22,7 +22,7 @@ from hbbatch.runner.ingest_task import (
     bring_up_to_date,
 )
 from hbbatch.runner.opened import open_all
-from hbbatch.runner.processes import begin_in_pool, interrupts_blocked
+from hbbatch.runner.processes import begin_in_pool, in_pool, interrupts_blocked
 from hbbatch.sources.base import SequenceHandle, Source, SourceOptions
 
 __all__ = ["IngestReport", "IngestStatus", "SequenceOutcome", "ingest"]
@@ -144,14 +144,15 @@ def _tasks(
     force: bool,
 ) -> list[IngestTask]:
     rows = CatalogRows(dataset.catalog().to_pylist())
-    names = NamesInUse(rows, [(handle.sequence_id, source.path) for source, handle in found])
+    named = [(handle.sequence_id, source.path) for source, handle in found]
+    names = NamesInUse(rows, named)
     return [
         IngestTask(
             dataset=dataset,
             source=source.path,
             source_format=source.format_name,
             handle=handle,
-            former=rows.of(handle.sequence_id, source.path),
+            former=rows.of(handle.sequence_id, source.path, others=set(named)),
             rivals=names.rivals(number),
             classes=options.classes,
             force=force,
@@ -185,7 +186,8 @@ def _brought(tasks: Sequence[IngestTask], workers: int) -> Iterator[tuple[int, B
     )
     try:
         with interrupts_blocked():
-            numbers = {pool.submit(bring_up_to_date, task): i for i, task in enumerate(tasks)}
+            futures = [pool.submit(in_pool, bring_up_to_date, task) for task in tasks]
+            numbers = {future: number for number, future in enumerate(futures)}
         for done in as_completed(numbers):
             yield numbers[done], done.result()
     except BrokenProcessPool as error:

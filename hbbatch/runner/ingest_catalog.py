@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -36,11 +36,23 @@ class CatalogRows:
             if _recording_of(row["sequence_id"]) != row["sequence_id"]:
                 self._parts[_recording_of(row["sequence_id"])].append(row)
 
-    def of(self, name: str, source: Path) -> list[dict[str, Any]]:
-        """Rows of a recording: its own, or those of the parts that its source was divided into."""
+    def of(
+        self, name: str, source: Path, others: Set[tuple[str, Path]] = frozenset()
+    ) -> list[dict[str, Any]]:
+        """Rows of a recording: its own, or those of the parts that its source was divided into.
+
+        Args:
+            name: of the recording.
+            source: where it is.
+            others: names and sources of recordings, which are no parts whatever they are called.
+        """
         whole = [self._named[name]] if name in self._named else []
         resolved = str(source.resolve())
-        return whole + [row for row in self._parts[name] if row["source"] == resolved]
+        return whole + [
+            row
+            for row in self._parts[name]
+            if row["source"] == resolved and (row["sequence_id"], source) not in others
+        ]
 
     def of_source(self, source: Path) -> list[dict[str, Any]]:
         """Rows that were read from a source."""

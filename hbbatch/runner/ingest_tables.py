@@ -26,7 +26,6 @@ from hbbatch.sources.base import (
     CameraCalibration,
     FrameBatch,
     IntArray,
-    Labels,
     SequenceReading,
     source_errors,
 )
@@ -132,8 +131,17 @@ def write_sequence(
     source_hash: str,
     reading: SequenceReading,
     taxonomy: Taxonomy,
+    labels: pa.Table | None = None,
 ) -> dict[str, Any]:
     """Write the tables of a sequence; former ones are replaced together, when all has been read.
+
+    Args:
+        dataset: where to.
+        source: file or folder it is in.
+        source_hash: of what it is made.
+        reading: the sequence.
+        taxonomy: what classes are called.
+        labels: in the place of the reading's.
 
     Returns:
         The columns of its catalogue row that follow from the content, and the hash.
@@ -145,7 +153,9 @@ def write_sequence(
     """
     content, tally = ContentHash(), Tally()
     tables = _counted(reading, source, taxonomy, content, tally)
-    _write_tables(dataset, source_hash, reading, tables, taxonomy)
+    if labels is None and reading.labels is not None:
+        labels = labels_table(reading.labels, taxonomy)
+    _write_tables(dataset, source_hash, reading, tables, labels)
     _note_unknown_classes(reading, tally)
     jumps = jumps_problem(np.concatenate(tally.translations_m), np.concatenate(tally.stamps_ns))
     if jumps is not None:
@@ -156,7 +166,7 @@ def write_sequence(
         "content_hash": content.digest(reading.calibration),
         "frames": tally.frames,
         "detections": tally.detections,
-        "labels": _labelled_boxes(reading.labels),
+        "labels": _labelled_boxes(labels),
         "duration_s": (tally.last_ns - tally.first_ns) / 1e9,
         "pose_origin": tally.weakest_origin,
         "partial": reading.findings.partial,
@@ -169,14 +179,14 @@ def _write_tables(
     source_hash: str,
     reading: SequenceReading,
     tables: Iterable[tuple[pa.Table, pa.Table]],
-    taxonomy: Taxonomy,
+    labels: pa.Table | None,
 ) -> None:
     """Detections and poses of each batch, then labels and calibration, where there are any."""
-    detections, poses, labels = (
+    detections, poses, objects = (
         dataset.path(table, reading.sequence_id) for table in ("detections", "poses", "labels")
     )
     calibration = dataset.calibration_path(reading.sequence_id)
-    optional = {labels: reading.labels, calibration: reading.calibration}
+    optional = {objects: labels, calibration: reading.calibration}
     written = [detections, poses, *(path for path, given in optional.items() if given is not None)]
     gone = [path for path, given in optional.items() if given is None]
     with replaced_together(written, gone) as asides:
@@ -190,9 +200,9 @@ def _write_tables(
             for of_detections, of_poses in tables:
                 write_detections(of_detections)
                 write_poses(of_poses)
-        if reading.labels is not None:
-            with table_into(aside[labels], schema.LABELS, labels) as write_labels:
-                write_labels(labels_table(reading.labels, taxonomy))
+        if labels is not None:
+            with table_into(aside[objects], schema.LABELS, objects) as write_labels:
+                write_labels(labels)
         if reading.calibration is not None:
             with writing(calibration):
                 aside[calibration].write_text(json_text(reading.calibration.to_json()))
@@ -229,8 +239,8 @@ def _guarded(batches: Iterator[FrameBatch], source: Path) -> Iterator[FrameBatch
         yield from batches
 
 
-def _labelled_boxes(labels: Labels | None) -> int:
-    return 0 if labels is None else int((labels.object_id >= 0).sum())
+def _labelled_boxes(labels: pa.Table | None) -> int:
+    return 0 if labels is None else int((labels["object_id"].to_numpy() >= 0).sum())
 
 
 def _note_unknown_classes(reading: SequenceReading, tally: Tally) -> None:

@@ -113,14 +113,18 @@ def labelled_sequences(roots: Sequence[Path]) -> LabelledSequences:
     """All sequences with labels.
 
     Raises:
-        DatasetError: a dataset is missing.
+        DatasetError: a dataset is missing, or its tables are not those of its catalogue.
     """
     datasets = [Dataset.open(root) for root in roots]
     return LabelledSequences([(dataset, _labelled(dataset)) for dataset in datasets])
 
 
 def _labelled(dataset: Dataset) -> list[str]:
-    return [s for s in dataset.sequence_ids() if dataset.path("labels", s).is_file()]
+    sources = dataset.source_hashes()
+    labelled = [s for s in sources if dataset.path("labels", s).is_file()]
+    for sequence_id in labelled:
+        dataset.check_tables(sequence_id, sources[sequence_id])
+    return labelled
 
 
 def _trajectories(dataset: Dataset, sequence_id: str) -> Trajectories:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final
 
 from hbbatch import schema
 from hbbatch.config import TrackSettings
-from hbbatch.dataset import Run
+from hbbatch.dataset import Run, write_aside
 from hbbatch.dataset.store import write_json
 from hbbatch.errors import DatasetError
-from hbbatch.runner.plan import code_version
+from hbbatch.runner.plan import code_version, read_status
 
 _PACKAGES: Final = ("numpy", "pyarrow", "scipy", "torch")
 
@@ -77,3 +78,34 @@ def read_manifest(run: Run) -> dict[str, Any]:
             f"to {schema.FORMAT_VERSION}). Upgrade hbbatch or choose another run with --run."
         )
     return dict(content)
+
+
+@contextmanager
+def kept_if_nothing_comes(run: Run, sequence_ids: Iterable[str], recipe: str) -> Iterator[None]:
+    """Where nothing comes of a run, its manifest still speaks of what it holds, if anything.
+
+    A new run that no worker could start would be `eval`'s default.
+
+    Args:
+        run: whose manifest is about to change.
+        sequence_ids: what is to be tracked.
+        recipe: what with.
+    """
+    before = run.manifest.read_bytes() if run.manifest.is_file() else None
+    try:
+        yield
+    except BaseException:
+        if all(read_status(run, i).get("recipe") != recipe for i in sequence_ids):
+            _put_back(run, before)
+        raise
+
+
+def _put_back(run: Run, manifest: bytes | None) -> None:
+    if manifest is not None:
+        with write_aside(run.manifest) as aside:
+            aside.write_bytes(manifest)
+        return
+    with suppress(OSError):  # something else lies there
+        run.manifest.unlink(missing_ok=True)
+        run.timing.unlink(missing_ok=True)
+        run.root.rmdir()

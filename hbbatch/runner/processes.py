@@ -11,18 +11,20 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Final
+from typing import Final, TypeVar
 
 from hbbatch.errors import ExitStatus
 
 _SPAWN: Final = multiprocessing.get_context("spawn")
 _INTERRUPTED: Final = 128 + signal.SIGINT
+_Task = TypeVar("_Task")
+_Result = TypeVar("_Result")
 _PATIENCE_S: Final = 5.0
 """How long a worker may take to stop when asked to."""
 
@@ -145,6 +147,14 @@ def begin_in_pool() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def in_pool(work: Callable[[_Task], _Result], task: _Task) -> _Result:
+    """A task of a pool, where Ctrl-C ends the process and not the task alone: others may follow."""
+    try:
+        return work(task)
+    except SystemExit:
+        os._exit(_INTERRUPTED)
 
 
 def _end_after(sentinel: int) -> None:

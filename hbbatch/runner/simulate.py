@@ -11,9 +11,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hbbatch import schema
 from hbbatch.dataset import Dataset
-from hbbatch.dataset.store import write_table
 from hbbatch.errors import UsageError
 from hbbatch.runner.ingest_catalog import put_rows
 from hbbatch.runner.ingest_tables import write_sequence
@@ -93,11 +91,9 @@ def _write(dataset: Dataset, sequence_id: str, drive: Drive) -> SimulatedDrive:
     source = dataset.root / SOURCE_FORMAT
     reading = SequenceReading(sequence_id, _batches(drive), None, None, Findings())
     source_hash = _hash(asdict(drive.settings), sequence_id)
-    row = write_sequence(dataset, source, source_hash, reading, load_taxonomy(None))
     labels = labels_table(drive, SENSOR_FRAME, LONGEST_HIDDEN_S)
-    write_table(dataset.path("labels", sequence_id), labels, schema.LABELS)
+    row = write_sequence(dataset, source, source_hash, reading, load_taxonomy(None), labels)
     row |= {
-        "labels": labels.num_rows,
         "source": str(source.resolve()),
         "source_format": SOURCE_FORMAT,
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -14,14 +13,14 @@ from hbbatch import schema
 from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
 from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.dataset.store import write_table
-from hbbatch.errors import DatasetError, ExitStatus, HbbatchError
+from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
 from hbbatch.runner.class_names import normalised_classes
 from hbbatch.runner.dealing import Group, deal
 from hbbatch.runner.device import resolved_device
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.jobfile import anchored_weights
-from hbbatch.runner.manifest import read_manifest, write_manifest
+from hbbatch.runner.manifest import kept_if_nothing_comes, read_manifest, write_manifest
 from hbbatch.runner.plan import Plan, make_plan, read_status, recipe, select
 from hbbatch.runner.processes import Standby, available_cores
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
@@ -239,23 +238,24 @@ def track(
     rows = select(dataset.catalog(), request.sequence_ids)
     name = default_run_name(request.settings) if request.run is None else request.run
     run = dataset.run(name)
-    is_new = not read_manifest(run)
+    read_manifest(run)
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)
     groups = deal(plan.to_do, request.workers or available_cores())
     workers = min(request.workers or available_cores(), len(groups))
+    made_with = recipe(request.settings, weights)
     outcomes: list[Outcome] = []
-    if plan.to_do:
+    if plan.to_do or read_manifest(run).get("recipe") != made_with:
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)
-        made_with = recipe(request.settings, weights)
         order = Order(dataset, run, request.settings, device, engine.load_tracker, recipe=made_with)
         executor = _executor(workers, standby or Standby())
         # Two runs at once would vouch for each other's outputs.
         with locked(run.root, wait=False):
-            write_manifest(run, resolved, made_with, weights, inputs, environment)
-            with _nothing_left_of(run if is_new else None):
+            ids = [job.sequence_id for job in plan.to_do]
+            with kept_if_nothing_comes(run, ids, made_with):
+                write_manifest(run, resolved, made_with, weights, inputs, environment)
                 outcomes = _execute(order, executor, groups, progress or _silent)
             environment["device"] = _devices(outcomes) or request.device
             with _no_news(outcomes):
@@ -301,17 +301,6 @@ def _execute(
         with _no_news(outcomes):
             _write_timing(order, outcomes)
     return outcomes
-
-
-@contextmanager
-def _nothing_left_of(run: Run | None) -> Iterator[None]:
-    """Where no worker could start, a new run has nothing to say: it would be `eval`'s default."""
-    try:
-        yield
-    except HbbatchError:
-        if run is not None and not run.status("any").parent.exists():
-            shutil.rmtree(run.root, ignore_errors=True)
-        raise
 
 
 @contextmanager

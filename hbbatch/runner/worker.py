@@ -16,7 +16,7 @@ from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, write_aside
 from hbbatch.dataset.atomic import write_unflushed
 from hbbatch.dataset.store import json_text, table_bytes
-from hbbatch.errors import HbbatchError, SequenceError, report_defect
+from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.device import resolved_device
@@ -132,7 +132,7 @@ def _track_part(desk: _Desk, readings: Sequence[_Reading]) -> Iterator[Outcome]:
     try:
         for tracked in desk.loaded.tracker.track([reading.frames for reading in readings]):
             reading = waiting.pop(tracked.frames.sequence_id)
-            encoding = desk.encoder.submit(_encode, desk, tracked)
+            encoding = desk.encoder.submit(_encode, desk, tracked, reading.camera)
             writing.append(desk.storers.submit(_finish, desk, reading, encoding))
             while len(writing) > _MAX_UNWRITTEN:
                 yield writing.popleft().result()
@@ -162,6 +162,7 @@ def _all_came_back(waiting: Mapping[str, object]) -> None:
 class _Reading:
     job: SequenceJob
     frames: SequenceFrames
+    camera: Camera | None
     seconds: float
 
 
@@ -195,7 +196,6 @@ def _read_part(order: Order, class_names: Sequence[str], part: Group) -> _PartRe
 
 def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Reading:
     started = time.perf_counter()
-    _check_tables(order.dataset, job)
     frames = sequence_frames(
         job.sequence_id,
         order.dataset.detections(job.sequence_id, DETECTION_COLUMNS),
@@ -203,16 +203,10 @@ def _read(order: Order, class_names: Sequence[str], job: SequenceJob) -> _Readin
         class_names,
         order.settings.min_score,
     )
-    return _Reading(job, frames, time.perf_counter() - started)
-
-
-def _check_tables(dataset: Dataset, job: SequenceJob) -> None:
-    """The key of the outputs is that of what the catalogue says, so it had better be right."""
-    if dataset.source_hash(job.sequence_id) not in {None, job.source_hash}:
-        raise SequenceError(
-            f"sequence {job.sequence_id}: its tables are not those that the catalogue speaks of: "
-            "an ingest is at work, or was stopped at it. Ingest its source again."
-        )
+    camera = _camera(order.dataset, job.sequence_id)
+    # The key of the outputs is that of what the catalogue says, so it had better be right.
+    order.dataset.check_tables(job.sequence_id, job.source_hash)
+    return _Reading(job, frames, camera, time.perf_counter() - started)
 
 
 @dataclass(frozen=True)
@@ -225,12 +219,11 @@ class _Encoded:
     seconds: float
 
 
-def _encode(desk: _Desk, tracked: TrackedSequence) -> _Encoded:
+def _encode(desk: _Desk, tracked: TrackedSequence, camera: Camera | None) -> _Encoded:
     started = time.perf_counter()
-    sequence_id = tracked.frames.sequence_id
     table = tracks_table(tracked, desk.loaded.tracker.class_names)
-    text = kitti_result(table, _camera(desk.order.dataset, sequence_id))
-    content = table_bytes(table, schema.TRACKS, f"tracks of {sequence_id}")
+    text = kitti_result(table, camera)
+    content = table_bytes(table, schema.TRACKS, f"tracks of {tracked.frames.sequence_id}")
     return _Encoded(tracked, content, text, time.perf_counter() - started)
 
 

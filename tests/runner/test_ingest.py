@@ -282,6 +282,18 @@ def test_failure_in_the_middle_of_a_sequence_leaves_nothing(
     assert list(files(tmp_path / "out")) == ["catalog.parquet"]
 
 
+def test_a_sequence_named_like_a_part_of_another_is_none(tmp_path: Path) -> None:
+    """Only the other has changed, and workers end in any order."""
+    source = write_sequence(write_sequence(tmp_path / "kitti"), "0000-001")
+    ingest([source], tmp_path / "out", workers=2)
+    write_sequence(source, frames=5)
+    report = ingest([source], tmp_path / "out", workers=2)
+    assert statuses(report) == {"0000": "replaced", "0000-001": "unchanged"}
+    dataset = Dataset.open(tmp_path / "out")
+    assert dataset.sequence_ids() == ["0000", "0000-001"]
+    assert dataset.poses("0000-001").num_rows == 3
+
+
 def test_stopped_before_the_catalogue_knew_is_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -300,6 +300,33 @@ def test_a_new_run_that_cannot_start_leaves_nothing(tmp_path: Path) -> None:
     assert dataset.run_names() == [kept.run]
 
 
+def test_what_is_not_ours_in_a_runs_folder_is_left_alone(tmp_path: Path) -> None:
+    dataset = make_dataset(tmp_path, "a")
+    notes = dataset.run("mine").root / "notes.txt"
+    notes.parent.mkdir(parents=True)
+    notes.write_text("by hand")
+    request = TrackRequest(dataset.root, SETTINGS, run="mine", workers=1, device="cpu")
+    with pytest.raises(WeightsError):
+        track(request, engine=replace(ECHO, load_tracker=load_fails))
+    assert list(notes.parent.iterdir()) == [notes]
+
+
+def test_the_manifest_names_what_was_asked_for_last(tmp_path: Path) -> None:
+    """All with some settings, one with others, another with the first again, or a failed start."""
+    dataset = make_dataset(tmp_path, "a", "b")
+    other = TrackSettings(min_score=0.5)
+    run_track(dataset, run="mine")
+    recipe = read_manifest(dataset.run("mine"))["recipe"]
+    run_track(dataset, "a", run="mine", settings=other)
+    assert read_manifest(dataset.run("mine"))["recipe"] != recipe
+    assert run_track(dataset, "b", run="mine").up_to_date == ("b",)
+    assert read_manifest(dataset.run("mine"))["recipe"] == recipe
+    request = TrackRequest(dataset.root, other, ("b",), "mine", "cpu", 1)
+    with pytest.raises(WeightsError):
+        track(request, engine=replace(ECHO, load_tracker=load_fails))
+    assert read_manifest(dataset.run("mine"))["recipe"] == recipe
+
+
 def test_on_a_full_disk_the_sequences_that_failed_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,7 @@ SETTINGS = TrackSettings()
 
 
 def order(dataset: Dataset) -> Order:
-    return Order(dataset, dataset.run("r"), SETTINGS, "cpu", load_echo)
+    return Order(dataset, dataset.run("r"), SETTINGS, "cpu", load_echo, recipe="r")
 
 
 def group(*sequence_ids: str) -> Group:
@@ -48,7 +48,8 @@ def test_a_sequence_is_written_as_tracks_kitti_text_and_status(tmp_path: Path) -
     lines = run.kitti("a").read_text().splitlines()
     assert [line.split()[:3] for line in lines[:2]] == [["0", "1", "Car"], ["0", "2", "Car"]]
     status = json.loads(run.status("a").read_text())
-    assert status == {"sequence_id": "a", "state": "done", "key": "key of a", "timing": timing}
+    assert status.pop("timing") == timing
+    assert status == {"sequence_id": "a", "state": "done", "key": "key of a", "recipe": "r"}
 
 
 def test_timing_says_who_did_how_much(tmp_path: Path) -> None:
