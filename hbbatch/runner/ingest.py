@@ -145,14 +145,14 @@ def _tasks(
 ) -> list[IngestTask]:
     rows = CatalogRows(dataset.catalog().to_pylist())
     named = [(handle.sequence_id, source.path) for source, handle in found]
-    names = NamesInUse(rows, named)
+    names, others = NamesInUse(rows, named), set(named)
     return [
         IngestTask(
             dataset=dataset,
             source=source.path,
             source_format=source.format_name,
             handle=handle,
-            former=rows.of(handle.sequence_id, source.path, others=set(named)),
+            former=rows.of(handle.sequence_id, source.path, others),
             rivals=names.rivals(number),
             classes=options.classes,
             force=force,
