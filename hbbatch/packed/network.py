@@ -6,12 +6,15 @@ from typing import Final
 
 import numpy as np
 
+from hbbatch.errors import WeightsError
 from hbbatch.motion.constants import HEADS, LARGEST_SAID, RESIDUAL_UNIT
 from hbbatch.motion.parameters import Parameters
 from hbbatch.packed.arrays import NONE, NOTHING, Single
 from hbbatch.packed.features import Features
 
 _TILE_ROWS: Final = 8
+_MOST_ROWS: Final = 1024
+"""Of inputs and outputs of all layers of a network: so much room the kernels have."""
 
 NO_RESIDUAL: Final = (NOTHING, NONE, NONE, NONE)
 NO_GAIN: Final = (NOTHING, NONE, NONE, NONE, NONE)
@@ -25,6 +28,9 @@ def residual_layers(
     Args:
         parameters: by their names in the module.
         features: what its input looks like here.
+
+    Raises:
+        WeightsError: the layers are too wide for the kernels.
     """
     encoder = features.layer(parameters["encoder.weight"], parameters["encoder.bias"])
     hidden, hidden_bias = parameters["heads_in.weight"], parameters["heads_in.bias"]
@@ -32,6 +38,7 @@ def residual_layers(
     heads = _beside_another([parameters[f"{name}.weight"] for name in names])
     biases = np.concatenate([parameters[f"{name}.bias"] for name in names])
     unit = np.array(list(RESIDUAL_UNIT.values()), np.float32)
+    _check_room(features.rows.width, len(encoder), len(hidden), len(heads))
     return (
         features.limit,
         tiled(encoder),
@@ -52,6 +59,9 @@ def gain_layers(
     Args:
         parameters: by their names in the module.
         features: what its input looks like here.
+
+    Raises:
+        WeightsError: the layers are too wide for the kernels.
     """
     given, kept = parameters["recurrent.weight_ih"], parameters["recurrent.weight_hh"]
     given_bias, kept_bias = parameters["recurrent.bias_ih"], parameters["recurrent.bias_hh"]
@@ -62,6 +72,7 @@ def gain_layers(
     read_out, unit = parameters["read_out.weight"], np.float32(2.0 / LARGEST_SAID)
     read_out_bias = parameters["read_out.bias"]
     silent = not (read_out.any() or read_out_bias.any())
+    _check_room(features.rows.width, *(4 * [memory]), len(read_out))
     return (
         features.limit,
         np.concatenate([tiled(both[reset]), tiled(both[keep])]),
@@ -69,6 +80,15 @@ def gain_layers(
         tiled(2.0 * forgetful[rest, memory:]),
         NONE if silent else tiled(unit * read_out, unit * read_out_bias),
     )
+
+
+def _check_room(inputs: int, *outputs: int) -> None:
+    needed = inputs + sum(map(_whole, outputs))
+    if needed > _MOST_ROWS:
+        raise WeightsError(
+            f"a network of {needed} rows, and the kernels have room for {_MOST_ROWS}: train with a "
+            "smaller memory or narrower layers"
+        )
 
 
 def tiled(weights: Single, biases: Single | None = None, inputs: int | None = None) -> Single:

@@ -12,7 +12,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from hbbatch.errors import WeightsError
+from hbbatch.model.hybrid import HybridFilter
 from hbbatch.packed import kalman
+from hbbatch.packed.filters import packed_filter
 from tests.packed.test_kernels import calls
 
 FOLDER = Path(kalman.__file__).parent / "c"
@@ -33,6 +36,15 @@ def compiled(folder: Path, lanes: int) -> ModuleType:
     module = module_from_spec(spec)
     loader.exec_module(module)
     return module
+
+
+@pytest.mark.parametrize("wide", [{"memory": 256}, {"hidden": 1024}])
+def test_networks_too_wide_for_the_kernels_are_refused_when_loaded(wide: dict[str, int]) -> None:
+    motion = HybridFilter(("a", "b"), "cv", **wide)
+    parameters = {name: value.numpy() for name, value in motion.state_dict().items()}
+    options = {"motion_model": "cv", **wide}
+    with pytest.raises(WeightsError, match="the kernels have room for 1024: train with a smaller"):
+        packed_filter("hybrid", ("a", "b"), options, parameters)
 
 
 @pytest.mark.parametrize("lanes", [4, 8])

@@ -8,7 +8,7 @@
 #include "state.h"
 
 enum { TILE_ROWS = 8, WIDEST = 16 };
-enum { MOST_ROWS = 1024, LINE = 64 };
+enum { MOST_ROWS = 1024, LINE = 64 }; /* packed.network */
 
 /* Scratch for all rows of a network, on the stack: nothing is allocated in a step. Registers that
  * lie across two lines of the cache are loaded at half the speed, so it begins with one. */
