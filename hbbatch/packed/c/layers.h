@@ -1,24 +1,24 @@
 /* The networks on a block of tracks, for one kind of processor. network.c takes this in once for
- * each, with NAME(x), TARGET, a REGISTER of LANES floats, how many of them lie ACROSS a tile, and
- * ADD(a, b, c), which is a * b + c. All rows are `step` columns long, whole registers.
+ * each, with NAME(x), TARGET, a REGISTER of LANES floats, how many of them lie ACROSS what is added up
+ * at a time, for how many OUTPUTS, and ADD(a, b, c), which is a * b + c. All rows are `step` columns long, whole registers.
  */
 
-/* Outputs TILE_ROWS at a time for some columns: what is added up stays in registers. */
+/* So many outputs of a tile for some columns: what is added up stays in registers. */
 TARGET static inline __attribute__((always_inline)) void NAME(strip)(
     const float *weights, Py_ssize_t inputs, const float *in, float *out, int step,
     const int across) {
-    REGISTER sum[TILE_ROWS][ACROSS], value[ACROSS];
-    UNROLLED for (int row = 0; row < TILE_ROWS; row++)
+    REGISTER sum[OUTPUTS][ACROSS], value[ACROSS];
+    UNROLLED for (int row = 0; row < OUTPUTS; row++)
         UNROLLED for (int a = 0; a < across; a++) sum[row][a] = weights[row] - (REGISTER){0};
     for (Py_ssize_t k = 0; k < inputs; k++, in += step) {
         weights += TILE_ROWS;
         UNROLLED for (int a = 0; a < across; a++)
             memcpy(&value[a], in + a * LANES, sizeof(REGISTER));
-        UNROLLED for (int row = 0; row < TILE_ROWS; row++)
+        UNROLLED for (int row = 0; row < OUTPUTS; row++)
             UNROLLED for (int a = 0; a < across; a++)
                 sum[row][a] = ADD(weights[row] - (REGISTER){0}, value[a], sum[row][a]);
     }
-    UNROLLED for (int row = 0; row < TILE_ROWS; row++)
+    UNROLLED for (int row = 0; row < OUTPUTS; row++)
         UNROLLED for (int a = 0; a < across; a++)
             memcpy(out + row * step + a * LANES, &sum[row][a], sizeof(REGISTER));
 }
@@ -26,13 +26,14 @@ TARGET static inline __attribute__((always_inline)) void NAME(strip)(
 /* What a layer makes of its inputs; the rows after it. */
 TARGET static float *NAME(through)(const Layer *layer, const float *in, float *out, int step) {
     const float *weights = layer->weights;
-    for (Py_ssize_t row = 0; row < layer->outputs; row += TILE_ROWS) {
+    for (Py_ssize_t row = 0; row < layer->outputs; row += OUTPUTS) {
         int column = 0;
         for (; column + ACROSS * LANES <= step; column += ACROSS * LANES)
             NAME(strip)(weights, layer->inputs, in + column, out + column, step, ACROSS);
         for (; column < step; column += LANES)
             NAME(strip)(weights, layer->inputs, in + column, out + column, step, 1);
-        weights += TILE_ROWS * (1 + layer->inputs), out += TILE_ROWS * step;
+        weights += OUTPUTS, out += OUTPUTS * step;
+        if ((row + OUTPUTS) % TILE_ROWS == 0) weights += TILE_ROWS * layer->inputs;
     }
     return out;
 }
@@ -106,4 +107,5 @@ static const Machine NAME(machine) = {NAME(residual), NAME(gain)};
 #undef REGISTER
 #undef LANES
 #undef ACROSS
+#undef OUTPUTS
 #undef ADD

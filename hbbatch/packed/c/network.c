@@ -19,6 +19,7 @@ typedef float Sixteen __attribute__((vector_size(64)));
 #define REGISTER Sixteen
 #define LANES 16
 #define ACROSS 2
+#define OUTPUTS 8
 #define ADD(a, b, c) (Sixteen) _mm512_fmadd_ps((__m512)(a), (__m512)(b), (__m512)(c))
 #include "layers.h"
 #endif
@@ -30,7 +31,8 @@ typedef float Eight __attribute__((vector_size(32)));
 #define TARGET __attribute__((target("avx2,fma")))
 #define REGISTER Eight
 #define LANES 8
-#define ACROSS 1
+#define ACROSS 2
+#define OUTPUTS 4
 #define ADD(a, b, c) (Eight) _mm256_fmadd_ps((__m256)(a), (__m256)(b), (__m256)(c))
 #include "layers.h"
 #endif
@@ -40,7 +42,8 @@ typedef float Four __attribute__((vector_size(16)));
 #define TARGET
 #define REGISTER Four
 #define LANES 4
-#define ACROSS 1
+#define ACROSS 2
+#define OUTPUTS 4
 #define ADD(a, b, c) ((a) * (b) + (c))
 #include "layers.h"
 
