@@ -1,6 +1,7 @@
 /* The networks on a block of tracks, for one kind of processor. network.c takes this in once for
- * each, with NAME(x), TARGET, a REGISTER of LANES floats, how many of them lie ACROSS what is added up
- * at a time, for how many OUTPUTS, and ADD(a, b, c), which is a * b + c. All rows are `step` columns long, whole registers.
+ * each, with NAME(x), TARGET, a REGISTER of LANES floats, how many of them lie ACROSS what is added
+ * up at a time, for how many OUTPUTS, and ADD(a, b, c), which is a * b + c. All rows are `step`
+ * columns long, whole registers.
  */
 
 /* So many outputs of a tile for some columns: what is added up stays in registers. */

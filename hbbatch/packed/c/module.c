@@ -1,6 +1,6 @@
 /* What a lock step does, compiled: element-wise work in one pass, and the networks. What a function
- * computes is defined by the Python named beside it. No state is kept between calls; scratch is a
- * few rows of BLOCK columns. Metres, seconds, radians.
+ * computes is defined by the Python named beside it. No state is kept between calls; scratch is
+ * rows of BLOCK columns on the stack. Metres, seconds, radians.
  */
 #include "arrays.h"
 
