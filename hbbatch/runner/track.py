@@ -238,14 +238,14 @@ def track(
     rows = select(dataset.catalog(), request.sequence_ids)
     name = default_run_name(request.settings) if request.run is None else request.run
     run = dataset.run(name)
-    read_manifest(run)
+    made_before = read_manifest(run).get("recipe")
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)
     groups = deal(plan.to_do, request.workers or available_cores())
     workers = min(request.workers or available_cores(), len(groups))
     made_with = recipe(request.settings, weights)
     outcomes: list[Outcome] = []
-    if plan.to_do or read_manifest(run).get("recipe") != made_with:
+    if plan.to_do or made_before != made_with:
         inputs = {row["sequence_id"]: row["content_hash"] for row in rows}
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)

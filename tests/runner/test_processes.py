@@ -88,15 +88,20 @@ if __name__ == "__main__":
 """
 
 
+def run_fresh(folder: Path, code: str) -> str:
+    """What a script says in a process of its own, without a word of error."""
+    script = folder / "parent.py"
+    script.write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert done.stderr == ""
+    return done.stdout.strip()
+
+
 def test_the_first_process_of_a_parent_never_sees_an_interrupt(tmp_path: Path) -> None:
     """In a fresh parent: what Python starts beside its first process unblocks the signal."""
-    script = tmp_path / "parent.py"
-    script.write_text(INTERRUPTED)
-    root = Path(__file__).parents[2]
-    command = [sys.executable, str(script)]
-    environment = {**os.environ, "PYTHONPATH": str(root)}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert (done.stdout.strip(), done.stderr) == ("0", "")
+    assert run_fresh(tmp_path, INTERRUPTED) == "0"
 
 
 KILLED = """
@@ -135,12 +140,39 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("early", [True, False])
 def test_a_pool_is_interrupted_without_a_word(early: bool, tmp_path: Path) -> None:
     """While its process loads, and while it waits for work."""
-    script = tmp_path / "parent.py"
-    script.write_text(STOPPED.replace("EARLY", str(early)))
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    command = [sys.executable, str(script)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert (done.stdout, done.stderr) == ("", "")
+    assert run_fresh(tmp_path, STOPPED.replace("EARLY", str(early))) == ""
+
+
+NO_FURTHER = """
+import os, signal, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from hbbatch.runner.processes import begin_in_pool, in_pool, interrupts_blocked
+
+def work(path):
+    path.write_text("begun")
+    time.sleep(600)
+
+if __name__ == "__main__":
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=begin_in_pool)
+    paths = [Path(__file__).parent / name for name in ("first", "second")]
+    with interrupts_blocked():
+        futures = [pool.submit(in_pool, work, path) for path in paths]
+    while not paths[0].exists():
+        time.sleep(0.01)
+    [pid] = pool._processes
+    os.kill(pid, signal.SIGINT)
+    try:
+        futures[0].result()
+    except BrokenProcessPool:
+        print([path.name for path in paths if path.exists()])
+"""
+
+
+def test_a_pool_begins_nothing_more_once_it_is_interrupted(tmp_path: Path) -> None:
+    assert run_fresh(tmp_path, NO_FURTHER) == "['first']"
 
 
 def test_a_pool_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
