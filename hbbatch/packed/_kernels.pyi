@@ -1,7 +1,6 @@
 """Compiled from `c/`; every function refuses arrays that do not fit with ValueError.
 
-Arrays are contiguous. Matrices of tracks may have more columns than there are tracks; `layout` is
-from `packed.layout`, and what else filters are given from `packed.kalman`, which see.
+Arrays are contiguous.
 """
 
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
-from hbbatch.packed.arrays import IntArray, Single
+from hbbatch.packed.arrays import IntArray
 
 def match(
     priors: FloatArray,
@@ -40,83 +39,24 @@ def match(
         threshold: on the cost.
     """
 
-def settle(
-    cells: IntArray,
-    matched: IntArray,
-    detections: IntArray,
-    order: IntArray,
-    count: int,
-    most: int,
-    /,
-) -> int:
-    """`tracking.rows.RowTable.settle`: writes the order of so many rows, says how many live on.
+def steps(*given: Any) -> int:
+    """Lock steps one after the other: what `tracking.eager_steps` does.
 
-    Detections of the matched rows are put in that order.
+    The interpreter is free for others meanwhile, unless it is asked to match.
+
+    Args:
+        given: arrays of `KnownArrays`, `FilterArrays`, damping (ramp_frames, minimum, maximum,
+            max_misses of the settings, or nothing), `TrackArrays`, `SaidArrays`, `StepArrays`
+            (`packed.arrays`), one after the other; then the first step, the one after the last,
+            max_misses, max_misses_unconfirmed, how many misses of a coasting track are said,
+            stretch and threshold as for `match`, and who matches instead if not None: it is called
+            with the number of tracks and the first and last of the detections, puts pairs into
+            `rows` and `numbers` and says how many.
+
+    Returns:
+        The step that was not done since columns or places for what it may add were missing; the
+        one after the last if all were done.
     """
-
-def arrange(matrix: NDArray[Any], order: IntArray, /) -> None:
-    """Column `order[i]` becomes column i, in place."""
-
-def say(
-    boxes: FloatArray,
-    state: Single,
-    rows: IntArray,
-    places: IntArray,
-    said_boxes: FloatArray,
-    said_velocity: FloatArray,
-    velocity: int,
-    /,
-) -> None:
-    """Box and velocity of each row to its place, in `(places, 7)` and `(places, 3)`."""
-
-def birth(
-    layout: IntArray,
-    newborn: Single,
-    kinds: IntArray,
-    measured: FloatArray,
-    seen: Single,
-    detections: IntArray,
-    boxes: FloatArray,
-    state: Single,
-    first: int,
-    /,
-) -> None:
-    """`PackedKalman.birth`, given what is newborn of each kind."""
-
-def predict(
-    layout: IntArray,
-    boxes: FloatArray,
-    state: Single,
-    times: Single,
-    frames: IntArray,
-    damping: FloatArray,
-    prior: FloatArray,
-    limit: Single,
-    encoder: Single,
-    heads_in: Single,
-    heads_out: Single,
-    /,
-) -> None:
-    """`PackedKalman.predict` with the layers of `network.residual_layers`, which may have no rows.
-
-    Damping is `(n,)` or none; prior boxes are written to `prior` `(7, n)`.
-    """
-
-def update(
-    layout: IntArray,
-    boxes: FloatArray,
-    state: Single,
-    measured: FloatArray,
-    seen: Single,
-    detections: IntArray,
-    limit: Single,
-    gates: Single,
-    kept: Single,
-    candidate: Single,
-    read_out: Single,
-    /,
-) -> None:
-    """`PackedKalman.update` with the layers of `network.gain_layers`, which may have no rows."""
 
 def local_fit(
     owner: IntArray,

@@ -5,8 +5,8 @@ tracking on a CPU steps these classes instead of the torch modules they are made
 the definition, the training path and what other devices run (docs/adr/0004-packed-filters.md).
 
 Everything is stored the other way round than in the modules: a row a column of the module's
-matrix, a column a track, so that each quantity is contiguous. Methods change state in place, and
-rows are ordered such that one operation serves several quantities.
+matrix, a column a track, so that each quantity is contiguous. Rows are ordered such that one
+operation serves several quantities.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from hbbatch.motion.columns import Columns, MotionModel, kalman_order
 from hbbatch.motion.constants import AXES, FARTHEST, RANGE_UNIT_M
 from hbbatch.motion.covariance import pairs
 from hbbatch.motion.parameters import KalmanOptions, Parameters
-from hbbatch.packed import kernels
-from hbbatch.packed.arrays import IntArray, Single
+from hbbatch.packed.arrays import FilterArrays, IntArray, Single
 from hbbatch.packed.covariance import PackedCovariance
 from hbbatch.packed.layout import layout
 from hbbatch.packed.network import NO_GAIN, NO_RESIDUAL
@@ -30,8 +29,6 @@ DETECTION: Final = Columns({"size_variance": 3, "variance": AXES, "range": 2, "a
 """What is known of a detection before it is matched: variances of its sizes and its motion axes;
 its horizontal distance from the sensor in `RANGE_UNIT_M`, its height above it in m; the horizontal
 direction it is seen in (world axes, of unit length beyond a metre)."""
-
-_UNDAMPED: Final = np.empty(0)
 
 
 def kalman_rows(model: MotionModel) -> dict[str, int]:
@@ -49,14 +46,13 @@ def kalman_rows(model: MotionModel) -> dict[str, int]:
 
 
 class PackedKalman:
-    """`model.kalman.KalmanFilter`, packed: a filter's steps on columns, all in place.
+    """`model.kalman.KalmanFilter`, packed: what the kernels step it with.
 
-    Boxes `(7, m)` float64 are packed, states `(height, m)` float32; the first columns are used.
+    Boxes `(7, m)` float64 are packed, states `(height, m)` float32; a column is a track.
 
     Attributes:
         height: rows of the state.
-        velocity: first of the three rows of the velocity in the world frame, m/s.
-        layout: of the state, for the kernels.
+        layout: of the state.
         newborn: `(height, kinds)` a track of each kind before its detection is looked at.
     """
 
@@ -76,7 +72,6 @@ class PackedKalman:
         self._log_r_range = parameters["log_r_range"]
         self._r_size = np.exp(parameters["log_r_size"])
         self.height = self._rows.width
-        self.velocity = self._rows["velocity"].start
         self.layout = layout(self._rows, options.model, self._covariance.mixed)
         self.newborn = self._newborn(parameters)
         self._residual_layers, self._gain_layers = NO_RESIDUAL, NO_GAIN
@@ -114,68 +109,9 @@ class PackedKalman:
             seen[:, DETECTION["range"].start + row] = value
         return seen
 
-    def birth(
-        self,
-        boxes: FloatArray,
-        state: Single,
-        measured: FloatArray,
-        seen: Single,
-        detections: IntArray,
-        kinds: IntArray,
-        first: int,
-    ) -> None:
-        """Columns from `first` on become tracks born from detections.
-
-        Args:
-            boxes: of tracks.
-            state: of tracks.
-            measured: `(d, 7)` boxes of all detections, not packed.
-            seen: `(d, DETECTION.width)` of all detections.
-            detections: `(n,)` which of them.
-            kinds: `(d,)` kind of all detections.
-            first: column.
-        """
-        kernels.birth(
-            self.layout, self.newborn, kinds, measured, seen, detections, boxes, state, first
-        )
-
-    def predict(
-        self,
-        boxes: FloatArray,
-        state: Single,
-        times: Single,
-        frames: IntArray,
-        damping: FloatArray | None,
-    ) -> FloatArray:
-        """Take the first columns on by a time step.
-
-        Args:
-            boxes: of tracks.
-            state: of tracks.
-            times: of all frames.
-            frames: `(n,)` column of `times` for each track.
-            damping: `(n,)` share of the step by which centres move, None for all of it.
-
-        Returns:
-            `(7, n)` prior boxes in the order of a box's fields.
-        """
-        prior = np.empty((7, len(frames)))
-        share = _UNDAMPED if damping is None else damping
-        kernels.predict(
-            self.layout, boxes, state, times, frames, share, prior, *self._residual_layers
-        )
-        return prior
-
-    def update(
-        self,
-        boxes: FloatArray,
-        state: Single,
-        measured: FloatArray,
-        seen: Single,
-        detections: IntArray,
-    ) -> None:
-        """Correct the first columns by detections `(n,)`, rows of `measured` and `seen`."""
-        kernels.update(self.layout, boxes, state, measured, seen, detections, *self._gain_layers)
+    def arrays(self) -> FilterArrays:
+        """What the kernels are given of it."""
+        return FilterArrays(self.layout, self.newborn, *self._residual_layers, *self._gain_layers)
 
 
 def by_kind(parameter: Single) -> Single:

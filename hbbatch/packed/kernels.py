@@ -12,27 +12,6 @@ from typing import Final
 AVAILABLE: Final = find_spec("hbbatch.packed._kernels") is not None
 
 if AVAILABLE:
-    from hbbatch.packed._kernels import (
-        arrange,
-        birth,
-        lines,
-        local_fit,
-        match,
-        predict,
-        say,
-        settle,
-        update,
-    )
+    from hbbatch.packed._kernels import lines, local_fit, match, steps
 
-__all__ = [
-    "AVAILABLE",
-    "arrange",
-    "birth",
-    "lines",
-    "local_fit",
-    "match",
-    "predict",
-    "say",
-    "settle",
-    "update",
-]
+__all__ = ["AVAILABLE", "lines", "local_fit", "match", "steps"]

@@ -7,7 +7,7 @@ in the same block (sequence and class), so results do not depend on who shares t
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from hbbatch.packed import kernels
 from hbbatch.tracking.costs import COSTS, PLAN, reach_m, reach_over_radius, shapes_of
 
 IntArray = NDArray[np.int64]
+
+COMPILED_COST: Final = "ciou_3d"
+"""The default; there is a kernel for it, and numpy for all others."""
 
 
 class Pairs(NamedTuple):
@@ -156,7 +159,7 @@ def matcher(
         settings: cost and threshold.
         batch: `(m,)` ascending; slices that are matched are batches. None: all are one.
     """
-    if kernels.AVAILABLE and settings.cost == "ciou_3d":
+    if kernels.AVAILABLE and settings.cost == COMPILED_COST:
         return compiled_matcher(detections, block, settings.threshold)
     targets = lay_out(detections, block, settings, batch)
     return lambda priors, track_block, part: match(

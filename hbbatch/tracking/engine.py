@@ -10,13 +10,13 @@ import numpy as np
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights_files import WeightsFile, open_weights
 from hbbatch.packed import kernels
-from hbbatch.tracking.bank import MakeBank
+from hbbatch.tracking.compiled_steps import compiled_steps
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
-from hbbatch.tracking.packed_bank import packed_banks
 from hbbatch.tracking.pieces import cut, joined
 from hbbatch.tracking.refine import refine
 from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.steps import MakeSteps
 from hbbatch.tracking.tracks import TrackedSequence
 
 
@@ -38,24 +38,23 @@ class Tracker:
         self.class_names = file.class_names
         self.weights_hash = file.content_hash
         self._kinds = np.array(file.kind_codes)
-        self._make_bank = banks(file, device)
+        self._make_steps = stepping(file, device)
 
     def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
         """Step all sequences of a group together; each is yielded when its last frame is done."""
         pieces = cut(group, self.settings.management)
         plan = schedule([piece.frames for piece in pieces])
-        bank = self._make_bank(plan, self._kinds[plan.class_codes])
-        lock_step = LockStep(plan, bank, self._kinds, self.settings)
-        for number, tracks, seconds in joined(pieces, lock_step.run()):
+        steps = self._make_steps(plan, self._kinds[plan.class_codes], self.settings)
+        for number, tracks, seconds in joined(pieces, LockStep(plan, steps).run()):
             frames = group[number]
             done = refine(tracks, frames, self.settings.output, self.class_names)
             yield replace(done, seconds=seconds)
 
 
-def banks(file: WeightsFile, device: str) -> MakeBank:
-    """On a CPU the packed filter, if it is compiled; else the torch modules."""
+def stepping(file: WeightsFile, device: str) -> MakeSteps:
+    """On a CPU the compiled steps, where they were built; else those of the torch modules."""
     if device == "cpu" and kernels.AVAILABLE:
-        return packed_banks(file)
-    from hbbatch.tracking.tensor_bank import tensor_banks  # torch, which a CPU does without
+        return compiled_steps(file)
+    from hbbatch.tracking.eager_steps import eager_steps  # torch, which a CPU does without
 
-    return tensor_banks(file, device)
+    return eager_steps(file, device)

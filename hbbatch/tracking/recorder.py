@@ -2,77 +2,91 @@
 
 What is said of a detection has its place beforehand: the detection's number in the group, for each
 is said once, of the track that it continued or began. What is said without one, of tracks that
-coast, gets places after them.
+coast, gets places after them. Boxes and velocities are remembered by who steps the filter, where
+they are.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TypeVar
 
-from hbbatch.tracking.bank import FilterBank, with_room
+import numpy as np
+from numpy.typing import NDArray
+
+from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.schedule import Schedule
 from hbbatch.tracking.tracks import SequenceTracks, TrackState
 
+Said = tuple[FloatArray, FloatArray]
+"""Boxes `(n, 7)` and velocities in m/s `(n, 3)`, world frame."""
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def with_room(rows: NDArray[_Scalar], count: int) -> NDArray[_Scalar]:
+    """The same rows if there are so many, else a copy with room for them and as many again."""
+    if count <= len(rows):
+        return rows
+    larger = np.empty((2 * count, *rows.shape[1:]), rows.dtype)
+    larger[: len(rows)] = rows
+    return larger
+
 
 class Recorder:
-    """Tracks and steps by place; boxes are collected by the bank, where they are.
+    """Tracks and steps by place.
 
     A track is known by the detection it was born from, and numbered when its sequence is finished.
+
+    Attributes:
+        first: the detection that the track of each place was born from.
+        step: of each place.
+        places: how many are used.
     """
 
-    def __init__(self, plan: Schedule, bank: FilterBank) -> None:
+    def __init__(self, plan: Schedule) -> None:
         """Nothing recorded yet."""
         self._plan = plan
-        self._bank = bank
-        self._first = np.empty(len(plan.scores), np.int64)
-        self._step = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
-        self._places = len(plan.scores)
+        self.first = np.empty(len(plan.scores), np.int64)
+        self.step = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+        self.places = self._dealt = len(plan.scores)
         sequences = len(plan.first_step)
         counts = np.bincount(plan.sequence, minlength=sequences)
         order = plan.sequence.argsort(kind="stable")
         self._detections = np.split(order, np.cumsum(counts)[:-1])
         self._coasted: list[list[IntArray]] = [[] for _ in range(sequences)]
 
-    def add(self, first: IntArray, detections: IntArray, rows: IntArray) -> None:
-        """Record what is said of detections. Nothing is synchronised here.
+    def reserve(self, places: int) -> None:
+        """Have so many places, those of the group's detections counted."""
+        self.first, self.step = with_room(self.first, places), with_room(self.step, places)
 
-        Args:
-            first: `(k,)` detection that each track was born from.
-            detections: `(k,)` of the group.
-            rows: `(k,)` of the tracks.
-        """
-        self._first[detections] = first
-        self._bank.say(rows, detections)
+    def places_of(self, sequence: int) -> IntArray:
+        """Places of a finished sequence, sorted by frame and track."""
+        self._deal()
+        places = np.concatenate([self._detections[sequence], *self._coasted[sequence]])
+        key = self.step.take(places) * len(self._plan.scores) + self.first.take(places)
+        return places.take(key.argsort(kind="stable"))
 
-    def add_coasted(self, step: int, first: IntArray, rows: IntArray) -> None:
-        """Record what a step says of rows without a detection."""
-        if not len(rows):
+    def _deal(self) -> None:
+        """Let each sequence have the places of its coasting tracks that came meanwhile."""
+        places = np.arange(self._dealt, self.places)
+        self._dealt = self.places
+        if not len(places):
             return
-        start, self._places = self._places, self._places + len(rows)
-        self._first = with_room(self._first, self._places)
-        self._step = with_room(self._step, self._places)
-        places = np.arange(start, self._places)
-        self._first[places], self._step[places] = first, step
-        self._bank.reserve(self._places)
-        self._bank.say(rows, places)
-        sequence = self._plan.sequence[first]
+        sequence = self._plan.sequence[self.first[places]]
         order = sequence.argsort(kind="stable")
         numbers, starts = np.unique(sequence[order], return_index=True)
         for number, part in zip(numbers, np.split(places[order], starts[1:]), strict=True):
             self._coasted[number].append(part)
 
-    def finish(self, sequence: int) -> SequenceTracks:
-        """All boxes of a finished sequence, sorted by frame and track."""
+    def tracks(self, sequence: int, places: IntArray, said: Said) -> SequenceTracks:
+        """All boxes of a finished sequence, given what was said in its places."""
         plan, detections = self._plan, self._detections[sequence]
-        born = detections[self._first.take(detections) == detections]
-        places = np.concatenate([detections, *self._coasted[sequence]])
-        first, step = self._first.take(places), self._step.take(places)
-        order = (step * len(plan.scores) + first).argsort(kind="stable")
-        places, first, step = places.take(order), first.take(order), step.take(order)
+        born = detections[self.first.take(detections) == detections]
+        first, step = self.first.take(places), self.step.take(places)
         seen = places < len(plan.scores)
         detection = np.where(seen, places, -1)
-        boxes, velocity_m_s = self._bank.said(places)
+        boxes, velocity_m_s = said
         return SequenceTracks(
             frame_index=step - plan.first_step[sequence],
             track_id=born.searchsorted(first) + 1,

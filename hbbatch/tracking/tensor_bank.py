@@ -1,7 +1,12 @@
-"""Filter rows as tensors on any device, stepped by the filter's torch modules."""
+"""Filter rows as tensors on any device, stepped by the filter's torch modules.
+
+Rows are in the order of the `RowTable`. After association the matched tracks are moved to the
+front, so that the update works on a prefix and nothing is scattered.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -13,8 +18,8 @@ from hbbatch.boxes import FloatArray
 from hbbatch.model.filters import Measurement, MotionFilter
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import WeightsFile
-from hbbatch.tracking.bank import MakeBank, Said
 from hbbatch.tracking.frames import IntArray
+from hbbatch.tracking.recorder import Said
 from hbbatch.tracking.schedule import Schedule
 
 ROW_PADDING: Final = 64
@@ -22,6 +27,9 @@ ROW_PADDING: Final = 64
 
 SAID_WIDTH: Final = 10
 """Numbers of a box and its velocity: both come to the host at once."""
+
+MakeBank = Callable[[Schedule, IntArray], "TensorBank"]
+"""A bank without rows, given a group's detections and the kind code `(n,)` of each."""
 
 
 def tensor_banks(file: WeightsFile, device: str) -> MakeBank:
@@ -37,7 +45,7 @@ def tensor_banks(file: WeightsFile, device: str) -> MakeBank:
 
 
 class TensorBank:
-    """A `FilterBank` with a row a track.
+    """Boxes and filter state of the live tracks, a row each.
 
     Rows are padded with copies of the first to a multiple of `ROW_PADDING`. The host waits for
     the device once a step, in `predict`, and once a finished sequence, in `said`.
@@ -64,7 +72,10 @@ class TensorBank:
 
     @torch.inference_mode()
     def predict(self, frames: IntArray, damping: FloatArray | None) -> FloatArray:
-        """See `FilterBank.predict`."""
+        """Take each row on to a frame `(n,)` of the group; their prior boxes `(n, 7)`.
+
+        With `damping` `(n,)` given, centres move by that share of the predicted step.
+        """
         dt = to_device(_padded(self._dt_s[frames]), self._device)
         prior, self._state = self._motion.predict(self._boxes, self._state, dt)
         if damping is not None:
@@ -75,7 +86,7 @@ class TensorBank:
 
     @torch.inference_mode()
     def arrange(self, order: IntArray) -> None:
-        """See `FilterBank.arrange`."""
+        """Row `order[i]` becomes row i; rows not named are dropped."""
         index = to_device(_padded(order), self._device)
         self._boxes = self._boxes.index_select(0, index)
         self._state = self._state.index_select(0, index)
@@ -83,7 +94,7 @@ class TensorBank:
 
     @torch.inference_mode()
     def update(self, detections: IntArray) -> None:
-        """See `FilterBank.update`."""
+        """Correct the first rows by these detections of the group."""
         count = len(detections)
         seen = self._measurement(detections)
         padded = len(seen.boxes)
@@ -93,13 +104,13 @@ class TensorBank:
 
     @torch.inference_mode()
     def truncate(self, count: int) -> None:
-        """See `FilterBank.truncate`."""
+        """Drop all rows but the first."""
         if count < self._count:
             self.arrange(np.arange(count))
 
     @torch.inference_mode()
     def append(self, detections: IntArray) -> None:
-        """See `FilterBank.append`."""
+        """Add rows born from detections of the group."""
         seen = self._measurement(detections)
         born = self._motion.birth(seen, to_device(_padded(self._kinds[detections]), self._device))
         count = len(detections)
@@ -109,13 +120,16 @@ class TensorBank:
 
     @torch.inference_mode()
     def reserve(self, places: int) -> None:
-        """See `FilterBank.reserve`."""
+        """Have so many places, those of the group's detections counted."""
         if places > len(self._said):
             self._said = torch.cat([self._said, self._said.new_empty(places, SAID_WIDTH)])
 
     @torch.inference_mode()
     def say(self, rows: IntArray, places: IntArray) -> None:
-        """See `FilterBank.say`."""
+        """Remember the boxes and velocities of some rows as they are now, each in its place.
+
+        Places are the numbers of the group's detections, and those reserved after them.
+        """
         where = to_device(rows, self._device)
         velocity = self._motion.velocity(self._state[where])
         said = torch.cat([self._boxes[where], velocity], dim=1)
@@ -123,7 +137,7 @@ class TensorBank:
 
     @torch.inference_mode()
     def said(self, places: IntArray) -> Said:
-        """See `FilterBank.said`."""
+        """What was said in these places."""
         said = to_host(self._said.index_select(0, to_device(places, self._device)))
         return said[:, :7].copy(), said[:, 7:].copy()
 

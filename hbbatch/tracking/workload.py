@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,14 +18,14 @@ from hbbatch.config import TrackSettings
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import open_weights
 from hbbatch.packed import kernels
-from hbbatch.tracking.bank import FilterBank, MakeBank
-from hbbatch.tracking.engine import banks
+from hbbatch.tracking.eager_steps import eager_steps
+from hbbatch.tracking.engine import stepping
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.pieces import cut
 from hbbatch.tracking.plain import track_plainly
 from hbbatch.tracking.schedule import schedule
-from hbbatch.tracking.tensor_bank import tensor_banks
+from hbbatch.tracking.steps import MakeSteps
 from hbbatch.tracking.tracks import StageSeconds
 
 Way = Literal["engine's own", "eager torch modules"]
@@ -60,21 +60,21 @@ class Workload:
         self._settings = settings
         self._motion = build_loaded(file).eval()
         self._kinds = np.array(file.kind_codes)
-        self.ways: dict[Way, MakeBank] = {"engine's own": banks(file, "cpu")}
+        self.ways: dict[Way, MakeSteps] = {"engine's own": stepping(file, "cpu")}
         if kernels.AVAILABLE:
-            self.ways["eager torch modules"] = tensor_banks(file, "cpu")
+            self.ways["eager torch modules"] = eager_steps(file, "cpu")
 
     def step(self, group: Sequence[SequenceFrames], way: Way = "engine's own") -> Effort:
         """Track a group in lock step."""
         start = perf_counter()
         plan = schedule([piece.frames for piece in cut(group, self._settings.management)])
-        bank = _Counting(self.ways[way](plan, self._kinds[plan.class_codes]))
+        steps = self.ways[way](plan, self._kinds[plan.class_codes], self._settings)
         stages = StageSeconds()
-        for _, _, share in LockStep(plan, bank, self._kinds, self._settings).run():
+        for _, _, share in LockStep(plan, steps).run():
             for stage, seconds in vars(share).items():
                 setattr(stages, stage, getattr(stages, stage) + float(seconds))
         seconds = perf_counter() - start
-        return Effort(seconds, stages, plan.steps, bank.predicted, bank.updated)
+        return Effort(seconds, stages, plan.steps, steps.predicted, steps.corrected)
 
     def step_plainly(self, frames: SequenceFrames) -> float:
         """Seconds that the plain loop takes for a sequence."""
@@ -131,21 +131,3 @@ def _weights(part: nn.Module | None) -> int:
         return 0
     matrices = (parameter for parameter in part.parameters() if parameter.dim() == 2)
     return sum(matrix.numel() for matrix in matrices if matrix.any())
-
-
-class _Counting:
-    """A bank that counts the rows it is asked to step."""
-
-    def __init__(self, bank: FilterBank) -> None:
-        self._bank = bank
-        self.arrange, self.truncate, self.append = bank.arrange, bank.truncate, bank.append
-        self.reserve, self.say, self.said = bank.reserve, bank.say, bank.said
-        self.predicted = self.updated = 0
-
-    def predict(self, frames: Any, damping: Any) -> Any:
-        self.predicted += len(frames)
-        return self._bank.predict(frames, damping)
-
-    def update(self, detections: Any) -> None:
-        self.updated += len(detections)
-        self._bank.update(detections)

@@ -1,13 +1,12 @@
 """What the compiled kernels refuse: nothing is read or written beyond an array.
 
-That they compute what their Python names say is tested with those: `tests/model/test_packed.py`,
-`tests/tracking`.
+That they compute what their Python names say is tested with those: `tests/tracking`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,71 +19,73 @@ from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.motion import constants
 from hbbatch.packed import kalman
-from hbbatch.packed.kalman import DETECTION
-from tests.model.twins import packed
+from hbbatch.packed.arrays import KnownArrays, SaidArrays, StepArrays, TrackArrays
+from hbbatch.packed.kalman import DETECTION, PackedKalman
+from tests.packed.twins import packed
 
-ROWS, SEEN = 5, 8
+SEEN, STEPS, COLUMNS, PLACES = 8, 4, 16, 12
 REFUSALS = (ValueError, TypeError, OverflowError)
 
+FILTERS = ("hybrid", "silent", "kalman")
+"""A filter whose gain network says something, or not, and one without networks."""
 
-def _hybrid(*, learn_gain: bool = True) -> HybridFilter:
-    """A filter whose gain network says something, or not."""
+
+def _filter(name: str) -> PackedKalman:
+    if name == "kalman":
+        return packed(KalmanFilter(("a", "b"), "ct").eval())
     module = HybridFilter(("a", "b"), "ca")
-    nn.init.constant_(module.gain.read_out.weight, 0.1 if learn_gain else 0.0)
+    nn.init.constant_(module.gain.read_out.weight, 0.1 if name == "hybrid" else 0.0)
     nn.init.zeros_(module.gain.read_out.bias)
-    return module
+    return packed(module.eval())
 
 
-def calls(kernels: ModuleType) -> dict[str, tuple[Callable[..., object], list[Any]]]:
-    """Each kernel with arguments that fit."""
-    motion, silent = (packed(module.eval()) for module in (_hybrid(), _hybrid(learn_gain=False)))
-    plain = packed(KalmanFilter(("a", "b"), "ct").eval())
-    numbers, rows = np.arange(ROWS), np.array([4, 1])
-    boxes, state = np.ones((7, 9)), np.ones((motion.height, 10), np.float32)
-    plain_state = np.ones((plain.height, 9), np.float32)
-    measured = np.ones((SEEN, 7))
-    seen = np.ones((SEEN, DETECTION.width), np.float32)
-    times, plain_times = (m.times(np.full(6, 0.1, np.float32)) for m in (motion, plain))
-    kinds = np.zeros(SEEN, np.int64)
-    known = [motion.layout, boxes, state]
-    plain_known = [plain.layout, boxes, plain_state]
+def call(name: str) -> dict[str, Any]:
+    """Arguments by name for four steps, in each of which both of two tracks are seen."""
+    motion = _filter(name)
+    rng = np.random.default_rng(0)
+    measured = np.tile([[0, 0, 1, 4, 2, 1.5, 0.1], [50, 0, 1, 4, 2, 1.5, 0.1]], (STEPS, 1))
+    measured += 0.1 * rng.normal(size=measured.shape)
+    known = KnownArrays(
+        offsets=np.arange(0, SEEN + 1, 2),
+        first_frame=np.array([0, 1]),
+        sequence=np.array([0, 1] * STEPS),
+        block=np.array([0, 1] * STEPS),
+        kinds=np.array([0, 1] * STEPS),
+        measured=measured,
+        seen=np.ones((SEEN, DETECTION.width), np.float32),
+        times=motion.times(np.full(STEPS + 1, 0.1, np.float32)),
+    )
+    tracks = TrackArrays(
+        np.zeros((6, COLUMNS), np.int64),
+        np.zeros((7, COLUMNS)),
+        np.zeros((motion.height, COLUMNS), np.float32),
+    )
+    said = SaidArrays(
+        first=np.zeros(PLACES, np.int64),
+        step=np.zeros(PLACES, np.int64),
+        boxes=np.zeros((PLACES, 7)),
+        velocity_m_s=np.zeros((PLACES, 3)),
+    )
+    step = StepArrays(
+        priors=np.zeros(7 * COLUMNS),
+        rows=np.zeros(COLUMNS, np.int64),
+        numbers=np.zeros(COLUMNS, np.int64),
+        counts=np.array([0, SEEN, 0, 0]),
+        seconds=np.zeros(4),
+    )
+    numbers = {"start": 0, "stop": STEPS, "patience": 3, "patience_unconfirmed": 2}
     return {
-        "settle": (
-            kernels.settle,
-            [np.ones((6, 9), np.int64), rows, rows.copy(), numbers.copy(), ROWS, 3],
-        ),
-        "arrange": (kernels.arrange, [state, numbers]),
-        "say": (
-            kernels.say,
-            [boxes, state, rows, rows, np.ones((SEEN, 7)), np.ones((SEEN, 3)), motion.velocity],
-        ),
-        "birth": (
-            kernels.birth,
-            [motion.layout, motion.newborn, kinds, measured, seen, rows, boxes, state, 7],
-        ),
-        "predict": (
-            kernels.predict,
-            [*known, times, numbers, np.ones(ROWS), np.ones((7, ROWS)), *motion._residual_layers],
-        ),
-        "predict without layers": (
-            kernels.predict,
-            [
-                *[*plain_known, plain_times, numbers, np.empty(0), np.ones((7, ROWS))],
-                *plain._residual_layers,
-            ],
-        ),
-        "update": (
-            kernels.update,
-            [*known, measured, seen, numbers, *motion._gain_layers],
-        ),
-        "update with nothing said": (
-            kernels.update,
-            [*known, measured, seen, numbers, *silent._gain_layers],
-        ),
-        "update without layers": (
-            kernels.update,
-            [*plain_known, measured, seen, numbers, *plain._gain_layers],
-        ),
+        **known._asdict(),
+        **motion.arrays()._asdict(),
+        "damping": np.array([8.0, 0.1, 0.9, 3.0]),
+        **{f"tracks {name}": matrix for name, matrix in tracks._asdict().items()},
+        **{f"said {name}": column for name, column in said._asdict().items()},
+        **step._asdict(),
+        **numbers,
+        "max_coasted": 2,
+        "stretch": 2.0,
+        "threshold": 1.2,
+        "matching": None,
     }
 
 
@@ -99,24 +100,38 @@ def test_constants_are_those_of_the_modules() -> None:
     }
 
 
-NAMES = (
-    "settle",
-    "arrange",
-    "say",
-    "birth",
-    "predict",
-    "predict without layers",
-    "update",
-    "update with nothing said",
-    "update without layers",
-)
-
-
-def test_all_are_listed(kernels: ModuleType) -> None:
-    assert tuple(calls(kernels)) == NAMES
-    assert {name.partition(" ")[0] for name in NAMES} | {"match", "lines", "local_fit"} == {
-        name for name in vars(kernels) if not name.startswith("_")
+def test_all_are_tested(kernels: ModuleType) -> None:
+    """Here, with association, texts and smoothing."""
+    assert {name for name in vars(kernels) if not name.startswith("_")} == {
+        *("steps", "match", "lines", "local_fit")
     }
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_two_tracks_go_their_ways(kernels: ModuleType, name: str) -> None:
+    given = call(name)
+    assert kernels.steps(*given.values()) == STEPS
+    assert given["counts"].tolist() == [2, SEEN, 6, 6]
+    assert given["said first"][:SEEN].tolist() == [0, 1] * STEPS
+    assert given["said boxes"][:SEEN] == pytest.approx(given["measured"], abs=0.5)
+    assert (given["seconds"] > 0).all()
+
+
+def test_steps_stop_where_there_is_no_room(kernels: ModuleType) -> None:
+    given = call("kalman")
+    for matrix in ("cells", "boxes", "state"):
+        given[f"tracks {matrix}"] = np.ascontiguousarray(given[f"tracks {matrix}"][:, :3])
+    given |= {
+        "priors": np.empty(21),
+        "rows": np.empty(3, np.int64),
+        "numbers": np.empty(3, np.int64),
+    }
+    assert kernels.steps(*given.values()) == 1  # two tracks, and two that might be born
+    assert given["counts"].tolist() == [2, SEEN, 0, 0]
+    # Two tracks that coast, and places for four boxes of them.
+    given = {**call("kalman"), "offsets": np.array([0, 2, 2, 2, 2]), "patience_unconfirmed": 5}
+    assert kernels.steps(*given.values()) == 3
+    assert given["said step"][SEEN:].tolist() == [1, 1, 2, 2]
 
 
 def unfit(value: Any) -> Iterator[object]:
@@ -134,75 +149,108 @@ def unfit(value: Any) -> Iterator[object]:
         yield value[:, ::2]
 
 
-@pytest.mark.parametrize("name", NAMES)
+INTEGERS = ("start", "stop", "patience", "patience_unconfirmed", "max_coasted")
+
+
+@pytest.mark.parametrize("name", FILTERS)
 def test_arguments_of_other_types_are_refused(kernels: ModuleType, name: str) -> None:
-    kernel, right = calls(kernels)[name]
-    kernel(*right)
+    right = call(name)
     with pytest.raises(ValueError, match="number of arguments"):
-        kernel(*right, 1)
-    for place, value in enumerate(right):
+        kernels.steps(*right.values(), 1)
+    for what, value in right.items():
+        if what == "matching" or isinstance(value, float):
+            continue
         for wrong in unfit(value):
             with pytest.raises((*REFUSALS, BufferError)):
-                kernel(*right[:place], wrong, *right[place + 1 :])
+                kernels.steps(*{**right, what: wrong}.values())
+    for what in ("stretch", "threshold", "matching"):
+        with pytest.raises(TypeError):
+            kernels.steps(*{**right, what: "text"}.values())
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_matrices_that_are_too_small_are_refused(kernels: ModuleType, name: str) -> None:
-    kernel, right = calls(kernels)[name]
-    for place, value in enumerate(right):
-        if isinstance(value, int) or value.ndim != 2 or not value.size:
+@pytest.mark.parametrize("name", FILTERS)
+def test_arrays_that_are_too_small_are_refused(kernels: ModuleType, name: str) -> None:
+    right = call(name)
+    for what, value in right.items():
+        if not isinstance(value, np.ndarray) or not value.size or what.endswith("_limit"):
             continue
-        if name == "arrange":  # a row is a row
-            continue
-        few = np.ascontiguousarray(value[:2])
+        smaller = [value[:-1]] if value.ndim == 1 else [value[:-1], value[:, :-1]]
+        for few in smaller:
+            with pytest.raises(ValueError, match="do not agree"):
+                kernels.steps(*{**right, what: np.ascontiguousarray(few)}.values())
+
+
+@pytest.mark.parametrize(
+    "what", ["offsets", "first_frame", "sequence", "kinds", "counts", "start", "stop"]
+)
+@pytest.mark.parametrize("beyond", [-9, 20, 2**62, -(2**63)])
+def test_numbers_beyond_are_refused(kernels: ModuleType, what: str, beyond: int) -> None:
+    right = call("hybrid")
+    if isinstance(right[what], int):
+        wrong: list[object] = [beyond]
+    else:
+        places = range(2 if what == "counts" else len(right[what]))
+        wrong = [np.where(np.arange(len(right[what])) == i, beyond, right[what]) for i in places]
+    for value in wrong:
         with pytest.raises(ValueError, match="do not agree"):
-            kernel(*right[:place], few, *right[place + 1 :])
+            kernels.steps(*{**right, what: value}.values())
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("beyond", [-1, 10, 2**62, -(2**63)])
-def test_indices_beyond_are_refused(kernels: ModuleType, name: str, beyond: int) -> None:
-    kernel, right = calls(kernels)[name]
-    for place, value in enumerate(right):
-        if isinstance(value, int) or value.dtype != np.int64 or value.ndim != 1:
-            continue
-        if (name, place) in {
-            ("settle", 2),
-            ("settle", 3),
-        } or value.size > ROWS + SEEN:  # written to; layouts
-            continue
-        wrong = value.copy()
-        wrong[-1 if len(wrong) < 9 else 3] = beyond
-        if name == "birth" and place == 2:
-            wrong[:] = beyond
-        with pytest.raises(ValueError, match="do not agree"):
-            kernel(*right[:place], wrong, *right[place + 1 :])
-
-
-@pytest.mark.parametrize(("name", "place"), [("settle", 4), ("say", 6), ("birth", 8)])
-@pytest.mark.parametrize("wrong", [-1, 2**62])
-def test_numbers_beyond_are_refused(kernels: ModuleType, name: str, place: int, wrong: int) -> None:
-    kernel, right = calls(kernels)[name]
+@pytest.mark.parametrize("row", [1, 4, 5])
+def test_tracks_that_there_cannot_be_are_refused(kernels: ModuleType, row: int) -> None:
+    right = call("hybrid")
+    kernels.steps(*right.values())
+    right["tracks cells"][row, 1] = -1
     with pytest.raises(ValueError, match="do not agree"):
-        kernel(*right[:place], wrong, *right[place + 1 :])
+        kernels.steps(*{**right, "start": 3}.values())
 
 
-def test_a_row_matched_twice_is_refused(kernels: ModuleType) -> None:
-    settle, (cells, _, *rest) = calls(kernels)["settle"]
-    with pytest.raises(ValueError, match="matched twice"):
-        settle(cells, np.array([1, 1]), *rest)
+@pytest.mark.parametrize(
+    ("rows", "numbers", "count"),
+    [
+        ([0, 0], [2, 3], 2),
+        ([0, 2], [2, 3], 2),
+        ([-1, 0], [2, 3], 2),
+        ([0, 1], [1, 2], 2),
+        ([0, 1], [2, 4], 2),
+        ([0, 1], [2, 3], 3),
+        ([0, 1], [2, 3], -1),
+        ([0, 1], [2, 3], 2**80),
+        ([0, 1], [2, 3], "two"),
+    ],
+)
+def test_pairs_that_there_are_not_are_refused(
+    kernels: ModuleType, rows: list[int], numbers: list[int], count: object
+) -> None:
+    given = call("hybrid")
+
+    def matching(tracks: int, start: int, stop: int) -> object:
+        assert (tracks, start, stop) == (2, 2, 4)
+        given["rows"][:2], given["numbers"][:2] = rows, numbers
+        return count
+
+    with pytest.raises(REFUSALS):
+        kernels.steps(*{**given, "matching": matching}.values())
+
+
+def test_what_fails_while_matching_is_raised(kernels: ModuleType) -> None:
+    def matching(tracks: int, start: int, stop: int) -> int:
+        raise KeyError("not today")
+
+    with pytest.raises(KeyError, match="not today"):
+        kernels.steps(*{**call("kalman"), "matching": matching}.values())
 
 
 def test_any_layout_is_checked(kernels: ModuleType) -> None:
     """Layouts of random numbers are refused or lead nowhere beyond the state."""
     rng = np.random.default_rng(0)
-    for name in ("birth", "predict", "update"):
-        kernel, right = calls(kernels)[name]
+    for name in FILTERS:
         for _ in range(300):
-            layout = right[0].copy()
+            given = call(name)
+            layout = given["layout"].copy()
             layout[rng.integers(0, len(layout), 3)] = rng.integers(-5, 250, 3)
             try:
-                kernel(layout, *right[1:])
+                kernels.steps(*{**given, "layout": layout}.values())
             except ValueError:
                 continue
             assert layout[:2].max() < 250

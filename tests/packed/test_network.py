@@ -16,7 +16,7 @@ from hbbatch.errors import WeightsError
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.packed import kalman
 from hbbatch.packed.filters import packed_filter
-from tests.packed.test_kernels import calls
+from tests.packed.test_kernels import call
 
 FOLDER = Path(kalman.__file__).parent / "c"
 SHARED = FOLDER.parents[1] / "c"
@@ -52,17 +52,12 @@ def test_networks_say_the_same_whatever_the_processor(
     kernels: ModuleType, tmp_path: Path, lanes: int
 ) -> None:
     other = compiled(tmp_path, lanes)
-    for name in ("predict", "update"):
-        here, arguments = calls(kernels)[name]
-        there, others = calls(other)[name]
-        rng = np.random.default_rng(0)
-        arguments[2][:] = rng.uniform(0.1, 2.0, arguments[2].shape)
-        others[2][:] = arguments[2]
-        for place, weights in enumerate(arguments[7:], 7):
-            others[place] = weights
-        before = arguments[2].copy()
-        here(*arguments)
-        there(*others)
-        assert not np.array_equal(arguments[2], before)
-        for mine, theirs in zip(arguments[1:3], others[1:3], strict=True):
-            assert theirs == pytest.approx(mine, rel=1e-4, abs=1e-5)
+    mine, theirs = call("hybrid"), call("hybrid")
+    rng = np.random.default_rng(0)
+    for weights in ("encoder", "heads_in", "heads_out", "gates", "kept", "candidate", "read_out"):
+        mine[weights] = theirs[weights] = 0.1 * rng.normal(size=mine[weights].shape).astype("f4")
+    kernels.steps(*mine.values())
+    other.steps(*theirs.values())
+    for what in ("tracks boxes", "tracks state"):
+        assert np.abs(mine[what]).max() > 0.1
+        assert theirs[what] == pytest.approx(mine[what], rel=1e-4, abs=1e-5)

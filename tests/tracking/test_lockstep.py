@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hbbatch.config import TrackSettings
+from hbbatch.tracking.eager_steps import scaling_factor
 from hbbatch.tracking.engine import Tracker
 from hbbatch.tracking.frames import SequenceFrames
-from hbbatch.tracking.lockstep import scaling_factor
 from hbbatch.tracking.tracks import STATE_NAMES, SequenceTracks
 from tests.tracking.drives import car, passing_cars, sequence
 

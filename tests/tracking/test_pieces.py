@@ -10,7 +10,7 @@ import pytest
 
 from hbbatch.config import ManagementSettings, TrackSettings
 from hbbatch.model.weights_files import open_weights
-from hbbatch.tracking.engine import banks
+from hbbatch.tracking.engine import stepping
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.pieces import Done, Piece, cut, joined
@@ -92,5 +92,5 @@ def of(pieces: Sequence[Piece]) -> list[SequenceFrames]:
 def steps(group: Sequence[SequenceFrames], settings: TrackSettings) -> list[Done]:
     file = open_weights(settings.filter, None, ["car"])
     plan, kinds = schedule(group), np.array(file.kind_codes)
-    bank = banks(file, "cpu")(plan, kinds[plan.class_codes])
-    return list(LockStep(plan, bank, kinds, settings).run())
+    make = stepping(file, "cpu")
+    return list(LockStep(plan, make(plan, kinds[plan.class_codes], settings)).run())

@@ -8,14 +8,15 @@ import torch
 
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights import load_filter
-from hbbatch.tracking.bank import FilterBank
+from hbbatch.tracking.compiled_steps import CompiledSteps
+from hbbatch.tracking.eager_steps import EagerSteps
 from hbbatch.tracking.lockstep import LockStep
-from hbbatch.tracking.packed_bank import PackedBank
 from hbbatch.tracking.plain import track_plainly
 from hbbatch.tracking.schedule import schedule
+from hbbatch.tracking.steps import Steps
 from hbbatch.tracking.tensor_bank import TensorBank
 from hbbatch.tracking.tracks import SequenceTracks
-from tests.model.twins import packed
+from tests.packed.twins import packed
 from tests.tracking.drives import passing_cars
 
 BOX_TOLERANCE = 1e-3
@@ -23,10 +24,10 @@ BOX_TOLERANCE = 1e-3
 
 
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
-@pytest.mark.parametrize("bank", ["tensors", "packed"])
+@pytest.mark.parametrize("way", ["eager", "compiled"])
 @torch.inference_mode()
 def test_lock_step_says_what_the_plain_loop_says(
-    name: str, bank: str, request: pytest.FixtureRequest
+    name: str, way: str, request: pytest.FixtureRequest
 ) -> None:
     loaded = load_filter(name, None, ["car"])
     settings = TrackSettings.model_validate({"filter": name})
@@ -35,11 +36,12 @@ def test_lock_step_says_what_the_plain_loop_says(
     group = [passing_cars(seed, name=str(seed)) for seed in range(3)]
     plan = schedule(group)
     codes = kinds[plan.class_codes]
-    rows: FilterBank = TensorBank(motion, plan, codes, torch.device("cpu"))
-    if bank == "packed":
+    bank = TensorBank(motion, plan, codes, torch.device("cpu"))
+    steps: Steps = EagerSteps(bank, plan, codes, settings)
+    if way == "compiled":
         request.getfixturevalue("kernels")
-        rows = PackedBank(packed(motion), plan, codes)
-    for number, tracks, _ in LockStep(plan, rows, kinds, settings).run():
+        steps = CompiledSteps(packed(motion), plan, codes, settings)
+    for number, tracks, _ in LockStep(plan, steps).run():
         plain = track_plainly(group[number], motion, kinds, settings)
         assert by_track(tracks).keys() == {i + 1 for i in range(len(plain))}
         for track_id, boxes in by_track(tracks).items():

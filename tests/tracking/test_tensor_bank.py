@@ -12,6 +12,7 @@ from hbbatch.config import TrackSettings
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.tracking import tensor_bank as bank_module
+from hbbatch.tracking.eager_steps import EagerSteps
 from hbbatch.tracking.lockstep import LockStep
 from hbbatch.tracking.schedule import Schedule, schedule
 from hbbatch.tracking.tensor_bank import ROW_PADDING, TensorBank
@@ -26,6 +27,10 @@ KINDS = ("vehicle", "pedestrian", "cyclist")
 def no_kinds(plan: Schedule) -> np.ndarray:
     """All detections are of the first kind."""
     return np.zeros(len(plan.scores), np.int64)
+
+
+def lock_step(plan: Schedule, bank: TensorBank) -> LockStep:
+    return LockStep(plan, EagerSteps(bank, plan, no_kinds(plan), TrackSettings()))
 
 
 @pytest.fixture
@@ -55,8 +60,7 @@ def test_on_a_gpu_nothing_mixes_devices_and_the_host_waits_once_a_step(
     motion = make(KINDS, "ct").to(GPU)
     with FakeTensorMode(allow_non_fake_inputs=True):
         bank = TensorBank(motion, plan, no_kinds(plan), GPU)  # type: ignore[arg-type]
-        lock_step = LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings())
-        finished = [number for number, _, _ in lock_step.run()]
+        finished = [number for number, _, _ in lock_step(plan, bank).run()]
     assert sorted(finished) == [0, 1]
     # Priors of every step but the first, and what was said of each sequence.
     assert len(fetched) == plan.steps - 1 + 2
@@ -71,7 +75,7 @@ def test_a_tensor_left_on_the_host_fails(fetched: list[Tensor]) -> None:
     with FakeTensorMode(allow_non_fake_inputs=True):
         bank = TensorBank(motion, plan, no_kinds(plan), GPU)
         with pytest.raises(RuntimeError, match="same device"):
-            list(LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings()).run())
+            list(lock_step(plan, bank).run())
     assert not fetched
 
 
@@ -86,5 +90,5 @@ def test_rows_are_padded_so_that_a_device_sees_few_shapes() -> None:
     plan = schedule([passing_cars(seed, frames=30, name=str(seed)) for seed in range(3)])
     with torch.inference_mode():
         bank = TensorBank(Watching(KINDS), plan, no_kinds(plan), torch.device("cpu"))
-        list(LockStep(plan, bank, np.zeros(1, np.int64), TrackSettings()).run())
+        list(lock_step(plan, bank).run())
     assert shapes <= {ROW_PADDING, 2 * ROW_PADDING}

@@ -5,13 +5,14 @@
 #define HBBATCH_ARRAYS_H
 
 #include "buffers.h"
+#include "elementary.h"
 #include <math.h>
 #include <stdlib.h>
 
-#define PI 3.14159265358979323846
+#define UNROLLED _Pragma("GCC unroll 16")
 
 /* What the module offers. */
 typedef PyObject *Kernel(PyObject *module, PyObject *const *given, Py_ssize_t count);
-Kernel match, settle, arrange, say, birth, predict, update, lines, local_fit;
+Kernel match, steps, lines, local_fit;
 
 #endif

@@ -48,9 +48,10 @@ TARGET static void NAME(squash)(float *x, const float *end) {
     for (; x < end; x++) {
         float y = *x > LARGEST_POWER ? -LARGEST_POWER : -*x;
         y = y > LARGEST_POWER ? LARGEST_POWER : y;
-        /* exp(y) is 2 to a whole number of times exp(rest); adding ROUNDER drops the fraction. What
-         * is not a number has a power all the same, and stays none by its rest. */
-        float times = ((y == y ? y : 0.0f) * 1.44269504f + ROUNDER) - ROUNDER;
+        /* exp(y) is 2 to a whole number of times exp(rest); adding ROUNDER drops the fraction and has
+         * the number in the last bits. What is not a number has some power, and stays none by its
+         * rest. */
+        float rounded = y * 1.44269504f + ROUNDER, times = rounded - ROUNDER;
         float rest = (y - times * LN2_HIGH) - times * LN2_LOW;
         float sum = 1.0f / 720.0f;
         sum = sum * rest + 1.0f / 120.0f;
@@ -59,8 +60,10 @@ TARGET static void NAME(squash)(float *x, const float *end) {
         sum = sum * rest + 0.5f;
         sum = sum * rest + 1.0f;
         sum = sum * rest + 1.0f;
-        uint32_t bits = (uint32_t)((int32_t)times + 127) << 23;
+        uint32_t bits;
         float power;
+        memcpy(&bits, &rounded, sizeof(bits));
+        bits = (bits + 127) << 23;
         memcpy(&power, &bits, sizeof(power));
         *x = 1.0f / (1.0f + sum * power);
     }

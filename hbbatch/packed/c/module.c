@@ -1,17 +1,12 @@
-/* What a lock step does, compiled: element-wise work in one pass, and the networks. What a function
- * computes is defined by the Python named beside it. No state is kept between calls; scratch is
- * rows of BLOCK columns on the stack. Metres, seconds, radians.
+/* The lock step, compiled, and what else is done for each box. What a function computes is defined
+ * by the Python named beside it. No state is kept between calls; filters' scratch is rows of BLOCK
+ * columns on the stack. Metres, seconds, radians.
  */
 #include "arrays.h"
 
 static PyMethodDef methods[] = {
     METHOD(match),
-    METHOD(settle),
-    METHOD(arrange),
-    METHOD(say),
-    METHOD(birth),
-    METHOD(predict),
-    METHOD(update),
+    METHOD(steps),
     METHOD(lines),
     METHOD(local_fit),
     {NULL, NULL, 0, NULL},

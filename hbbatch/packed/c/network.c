@@ -1,11 +1,8 @@
 /* What network.h declares. */
 #include "network.h"
 
-#define UNROLLED _Pragma("GCC unroll 8")
 #define LARGEST_POWER 80.0f
 #define ROUNDER 12582912.0f /* 1.5 * 2^23: floats that large are whole */
-#define LN2_HIGH 0.693359375f
-#define LN2_LOW -2.12194440e-4f
 
 #if !defined(MOST_LANES) && defined(__x86_64__)
 #define MOST_LANES 16 /* tests compile it with less */

@@ -1,5 +1,5 @@
 /* PackedKalman.predict and PackedHybrid.predict. */
-#include "network.h"
+#include "filter.h"
 
 /* motion.covariance.propagate: P becomes F P F' + Q. A block takes from later ones only. */
 static void propagate(const Tracks *t, const float *times, Py_ssize_t step, const int64_t *frames) {
@@ -35,8 +35,9 @@ static void advance(const Tracks *t, const float *times, Py_ssize_t step, const 
     /* The chord of a turn points along the heading in the middle of it. */
     float c[BLOCK], s[BLOCK];
     for (int j = 0; j < t->n; j++) {
-        float angle = v[3 * t->step + j] * half[j];
-        c[j] = cosf(angle), s[j] = sinf(angle);
+        double cosine, sine;
+        cosine_and_sine(v[3 * t->step + j] * half[j], &cosine, &sine);
+        c[j] = (float)cosine, s[j] = (float)sine;
     }
     turn(mean[0], mean[1], c, s, 1.0f, t->n);
     for (int axis = 0; axis < 2; axis++)
@@ -86,53 +87,34 @@ static void remember_step(const Tracks *t, Rows rate, const float *tenths, const
         for (int j = 0; j < t->n; j++) {
             Py_ssize_t at = row * t->step + j;
             counter[at] += tenths[j];
-            elapsed[at] = log1pf(LEAST(counter[at], LONGEST_TENTHS));
+            elapsed[at] = logarithm(1.0f + LEAST(counter[at], LONGEST_TENTHS));
         }
     memcpy(part(t, INVERSE_DT), inverse, bytes);
 }
 
-/* PackedKalman.predict: predict(layout, boxes, state, times, frames, damping, prior, limit, encoder,
- * heads_in, heads_out) -> None; the classical filter has no layers. */
-FOR_EACH_PROCESSOR PyObject *predict(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "l1D2F2f2l1d1D2f1f2f2f2", 0);
-    if (taken < 0) return NULL;
-    Array *layout = a, *boxes = a + 1, *state = a + 2, *times = a + 3, *out = a + 6, *high = a + 7;
-    const int64_t *l = layout->view.buf;
-    Py_ssize_t all = a[4].columns, step = times->columns;
-    int learned = a[8].rows > 0, damped = a[5].columns > 0;
-    Layer layers[3] = {{0}};
-    if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
-        state->columns < all || !within(a + 4, step) || (damped && a[5].columns != all) ||
-        out->rows != BOX || out->columns != all ||
-        (learned && (l[HISTORY_END] > state->rows || high->columns > l[HISTORY_END] ||
-                     !layers_of(a + 8, 3, l[HISTORY_END], layers) || layers[2].outputs < SAID)) ||
-        times->rows != WEIGHTS + (layout->columns - LAYOUT_LENGTH) / 2 + blocks_of(l))
-        return release(a, taken), refuse("predict: shapes do not agree");
+FOR_EACH_PROCESSOR void predict(const Filter *filter, const Columns *columns, const Known *known,
+                                const int64_t *frames, const double *shares, double *prior,
+                                Py_ssize_t all) {
+    const float *times = known->times->view.buf;
+    Py_ssize_t step = known->times->columns;
     for (Py_ssize_t start = 0; start < all; start += BLOCK) {
-        Tracks t = some(layout, boxes, state, start, all);
-        const int64_t *frames = (const int64_t *)a[4].view.buf + start;
-        const double *share = (const double *)a[5].view.buf + start;
-        double *prior = (double *)out->view.buf + start;
+        Tracks t = some(filter, columns, start, all);
+        const int64_t *frame = frames + start;
         float rate[BOX][BLOCK] = {{0}}, mean[AXES][BLOCK], time[WEIGHTS][BLOCK];
-        for (int row = 0; row < WEIGHTS; row++)
-            pick((const float *)times->view.buf + row * step, frames, t.n, time[row]);
-        if (learned) residual(&t, layers, high, time[IN_TENTHS], rate);
-        advance(&t, times->view.buf, step, frames, time[DT_S], time[HALF_S], mean);
+        for (int row = 0; row < WEIGHTS; row++) pick(times + row * step, frame, t.n, time[row]);
+        if (filter->learned)
+            residual(&t, filter->residual, filter->residual_limit, time[IN_TENTHS], rate);
+        advance(&t, times, step, frame, time[DT_S], time[HALF_S], mean);
         for (int axis = 0; axis < AXES; axis++)
             for (int j = 0; j < t.n; j++) rate[MOTION + axis][j] += mean[axis][j];
         for (int row = 0; row < BOX; row++) {
-            double *box = t.boxes + row * t.box_step;
-            int centre = row >= MOTION && row < YAW;
+            double *box = t.boxes + row * t.box_step, *to = prior + FIELD[row] * all + start;
+            const double *share = shares && row >= MOTION && row < YAW ? shares + start : NULL;
             for (int j = 0; j < t.n; j++) {
                 double moved = box[j] + rate[row][j] * time[DT_S][j];
-                box[j] = damped && centre ? box[j] + share[j] * (moved - box[j]) : moved;
-                prior[FIELD[row] * all + j] = box[j];
+                to[j] = box[j] = share ? box[j] + share[j] * (moved - box[j]) : moved;
             }
         }
-        if (learned) remember_step(&t, rate, time[IN_TENTHS], time[INVERSE]);
+        if (filter->learned) remember_step(&t, rate, time[IN_TENTHS], time[INVERSE]);
     }
-    release(a, taken);
-    Py_RETURN_NONE;
 }

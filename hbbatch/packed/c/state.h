@@ -30,7 +30,14 @@ static const int FIELD[BOX] = {3, 4, 5, 0, 1, 2, 6};
 
 typedef float Rows[][BLOCK];
 
-/* Some columns of the boxes and states of tracks. */
+/* Boxes and states of tracks, a column each; there may be more columns than tracks. */
+typedef struct {
+    double *boxes;
+    float *state;
+    Py_ssize_t box_step, step;
+} Columns;
+
+/* Some of them, at most a block. */
 typedef struct {
     const int64_t *layout;
     double *boxes;
@@ -47,29 +54,54 @@ static inline Py_ssize_t blocks_of(const int64_t *layout) {
     return layout[ORDER] * (layout[ORDER] + 1) / 2;
 }
 
-/* Whether a layout's parts lie within a state, and those that networks see side by side. */
-int lies_within(const Array *layout, const Array *state, int learned);
-
-/* Columns from `start` on, at most a block of `all`. */
-Tracks some(const Array *layout, const Array *boxes, const Array *state, Py_ssize_t start,
-           Py_ssize_t all);
-
 /* Values of some columns, named by number. */
-void pick(const float *row, const int64_t *columns, int n, float *to);
+static inline void pick(const float *row, const int64_t *columns, int n, float *to) {
+    for (int j = 0; j < n; j++) to[j] = row[columns[j]];
+}
 
 /* What is known of some detections. */
-void of_detections(const float *seen, int number, const int64_t *detections, int n, float *to);
+static inline void of_detections(const float *seen, int number, const int64_t *detections, int n,
+                                 float *to) {
+    for (int j = 0; j < n; j++) to[j] = seen[SEEN_ROWS * detections[j] + number];
+}
 
 /* Turn vectors by a heading, or back by it with the sign -1. */
-void turn(float *x, float *y, const float *c, const float *s, float sign, int n);
+static inline void turn(float *x, float *y, const float *c, const float *s, float sign, int n) {
+    for (int j = 0; j < n; j++) {
+        float along = x[j] * c[j] - sign * (y[j] * s[j]);
+        y[j] = y[j] * c[j] + sign * (x[j] * s[j]);
+        x[j] = along;
+    }
+}
 
 /* Cosine and sine of headings. */
-void heading(const double *yaw, float *c, float *s, int n);
+static inline void heading(const double *yaw, float *c, float *s, int n) {
+    for (int j = 0; j < n; j++) {
+        double cosine, sine;
+        cosine_and_sine(yaw[j], &cosine, &sine);
+        c[j] = (float)cosine, s[j] = (float)sine;
+    }
+}
 
 /* Cut rows at what training saw; `high` has a limit for each of the last rows. */
-void limit(float *features, Py_ssize_t step, const Array *high, Py_ssize_t rows, int n);
+static inline void limit(float *features, Py_ssize_t step, const Array *high, Py_ssize_t rows,
+                         int n) {
+    Py_ssize_t first = rows - high->columns;
+    for (Py_ssize_t row = first; row < rows; row++) {
+        float *value = features + row * step, most = ((const float *)high->view.buf)[row - first];
+        for (int j = 0; j < n; j++) {
+            float least = value[j] < -most ? -most : value[j];
+            value[j] = least > most ? most : least;
+        }
+    }
+}
 
 /* Logarithms of the sizes, which the networks see. */
-void log_sizes(const Tracks *t);
+static inline void log_sizes(const Tracks *t) {
+    for (int row = 0; row < 3; row++)
+        for (int j = 0; j < t->n; j++)
+            part(t, LOG_SIZE)[row * t->step + j] =
+                logarithm((float)t->boxes[row * t->box_step + j]);
+}
 
 #endif

@@ -1,5 +1,5 @@
 /* PackedKalman.update and PackedHybrid.update. */
-#include "network.h"
+#include "filter.h"
 
 /* Measured minus prior boxes in the heading frame, that heading, and the agreement of both: a half
  * turn does not matter to the difference of yaws, but makes the agreement negative. */
@@ -12,9 +12,9 @@ static void innovate(const Tracks *t, const double *measured, const int64_t *det
         }
     for (int j = 0; j < t->n; j++) {
         double by = measured[BOX * detections[j] + YAW] - t->boxes[YAW * t->box_step + j];
-        double wrapped = fmod(by + 0.5 * PI, PI);
-        apart[YAW][j] = (float)((wrapped < 0.0 ? wrapped + PI : wrapped) - 0.5 * PI);
-        apart[AGREEMENT_ROW][j] = (float)cos(by);
+        double turns = whole_periods(by + 0.5 * PI, PI);
+        apart[YAW][j] = (float)(by - turns * PI);
+        apart[AGREEMENT_ROW][j] = whole_periods(turns, 2.0) * 2.0 == turns ? 1.0f : -1.0f;
     }
     heading(t->boxes + YAW * t->box_step, apart[COS_ROW], apart[SIN_ROW], t->n);
     turn(apart[PLAN], apart[PLAN + 1], apart[COS_ROW], apart[SIN_ROW], -1.0f, t->n);
@@ -36,7 +36,7 @@ static void features(const Tracks *t, const Array *high, const float *seen,
     to += FROM_SENSOR_ROWS * step;
     for (int axis = 0; axis < AXES; axis++)
         for (int j = 0; j < t->n; j++)
-            to[axis * step + j] = logf(part(t, COVARIANCE)[axis * t->step + j]);
+            to[axis * step + j] = logarithm(part(t, COVARIANCE)[axis * t->step + j]);
     limit(in, step, high, rows, t->n);
     fill_up(in, rows, t->n);
 }
@@ -113,11 +113,11 @@ static void settle_heading(const Tracks *t, const float *agreement) {
     double *yaw = t->boxes + YAW * t->box_step;
     float *vote = part(t, VOTE);
     for (int j = 0; j < t->n; j++) {
-        float votes = vote[j] + copysignf(1.0f, agreement[j]);
+        float votes = vote[j] + agreement[j];
         votes = LEAST(votes, MAX_HEADING_VOTE);
         /* By no turn or, where the vote is lost, a half turn; then wrapped to [-pi, pi). */
-        double turned = fmod(yaw[j] - copysign(0.5 * PI, votes) + 1.5 * PI, 2.0 * PI);
-        yaw[j] = (turned < 0.0 ? turned + 2.0 * PI : turned) - PI;
+        double turned = yaw[j] + (votes < 0.0f ? PI : 0.0);
+        yaw[j] = turned - 2.0 * PI * whole_periods(turned + PI, 2.0 * PI);
         vote[j] = fabsf(votes);
     }
 }
@@ -147,48 +147,22 @@ static void learn(const Tracks *t, const Layer *layers, const Array *high, const
         memcpy(t->state + row * t->step, in + row * step, sizeof(float) * (size_t)t->n);
 }
 
-/* Whether the gain network's layers fit to each other and to a state. */
-static int fit(const int64_t *l, const Array *high, const Array *weights, Layer *layers) {
-    Py_ssize_t memory = l[ONE], width = l[ELAPSED] + 2 + GAIN_ROWS;
-    Py_ssize_t cells = (memory + TILE_ROWS - 1) / TILE_ROWS * TILE_ROWS;
-    layers[1].inputs = layers[3].inputs = memory, layers[2].inputs = width - memory;
-    return memory > 0 && high->columns <= width && layers_of(weights, 4, width, layers) &&
-           layers[0].outputs == 2 * cells && layers[1].outputs == cells &&
-           layers[2].outputs == cells && (!layers[3].outputs || layers[3].outputs >= 2 * AXES);
-}
-
-/* PackedKalman.update: update(layout, boxes, state, measured, seen, detections, limit, gates, kept,
- * candidate, read_out) -> None; the classical filter has no layers, and one that was not taught
- * what to say of noise has no read-out. */
-FOR_EACH_PROCESSOR PyObject *update(PyObject *module, PyObject *const *given, Py_ssize_t count) {
-    (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "l1D2F2d2f2l1f1f2f2f2f2", 0);
-    if (taken < 0) return NULL;
-    Array *layout = a, *boxes = a + 1, *state = a + 2, *measured = a + 3, *seen = a + 4;
-    Py_ssize_t all = a[5].columns;
-    int learned = a[7].rows > 0;
-    Layer layers[4] = {{0}};
-    if (!lies_within(layout, state, learned) || boxes->rows != BOX || boxes->columns < all ||
-        state->columns < all || measured->columns != BOX || seen->columns != SEEN_ROWS ||
-        seen->rows != measured->rows || !within(a + 5, seen->rows) ||
-        (learned && !fit(layout->view.buf, a + 6, a + 7, layers)))
-        return release(a, taken), refuse("update: shapes do not agree");
+FOR_EACH_PROCESSOR void update(const Filter *filter, const Columns *columns, const Known *known,
+                               const int64_t *detections, Py_ssize_t all) {
     for (Py_ssize_t start = 0; start < all; start += BLOCK) {
-        Tracks t = some(layout, boxes, state, start, all);
-        const int64_t *detections = (const int64_t *)a[5].view.buf + start;
+        Tracks t = some(filter, columns, start, all);
+        const int64_t *from = detections + start;
         float apart[APART_ROWS][BLOCK], variance[BOX][BLOCK], change[BOX + 2 * AXES][BLOCK];
-        innovate(&t, measured->view.buf, detections, apart);
+        innovate(&t, known->measured, from, apart);
         for (int row = 0; row < BOX; row++)
-            of_detections(seen->view.buf, row, detections, t.n, variance[row]);
-        if (learned) learn(&t, layers, a + 6, seen->view.buf, detections, apart, variance);
+            of_detections(known->seen, row, from, t.n, variance[row]);
+        if (filter->learned)
+            learn(&t, filter->gain, filter->gain_limit, known->seen, from, apart, variance);
         correct(&t, apart, variance, change);
-        for (int row = 0; learned && row < BOX; row++)
+        for (int row = 0; filter->learned && row < BOX; row++)
             memcpy(part(&t, CORRECTION) + row * t.step, change[row], sizeof(float) * (size_t)t.n);
         apply(&t, apart, change);
         settle_heading(&t, apart[AGREEMENT_ROW]);
-        if (learned) remember_update(&t, change);
+        if (filter->learned) remember_update(&t, change);
     }
-    release(a, taken);
-    Py_RETURN_NONE;
 }
