@@ -30,6 +30,9 @@ _FIRST_COLUMNS: Final = 64
 _LINE: Final = 16
 """Columns of four bytes that a cache takes at once."""
 
+_STEPS_AT_ONCE: Final = 256
+"""Between which the interpreter hears of an interrupt: some hundredths of a second."""
+
 _TRACKS, _PLACES, _PREDICTED, _CORRECTED = range(4)
 _SEQUENCE, _BLOCK = CELLS.index("sequence"), CELLS.index("block")
 
@@ -85,9 +88,10 @@ class CompiledSteps:
         self._said_boxes: FloatArray = np.empty((len(plan.scores), 7))
         self._said_velocity_m_s: FloatArray = np.empty((len(plan.scores), 3))
         self._have(_columns(_FIRST_COLUMNS, motion.height))
-        limits = settings.management
+        limits, said_misses = settings.management, most_coasted(settings)
+        self._coasting = said_misses > 0
         self._settings = (
-            *(limits.max_misses, limits.max_misses_unconfirmed, most_coasted(settings)),
+            *(limits.max_misses, limits.max_misses_unconfirmed, said_misses),
             *self._association(plan, block, settings.association),
         )
 
@@ -124,17 +128,20 @@ class CompiledSteps:
         """See `Steps.run`."""
         self._seconds[:] = 0.0
         while start < stop:
-            recorder = self.recorder
-            said = SaidArrays(
-                recorder.first, recorder.step, self._said_boxes, self._said_velocity_m_s
-            )
-            start = kernels.steps(
-                *self._constant, *self._tracks, *said, *self._step, start, stop, *self._settings
-            )
-            if start < stop:
+            end = min(start + _STEPS_AT_ONCE, stop)
+            start = self._do(start, end)
+            if start < end:
                 self._make_room(int(self._offsets[start + 1] - self._offsets[start]))
         self.recorder.places = int(self._counts[_PLACES])
         return StageSeconds(*self._seconds.tolist())
+
+    def _do(self, start: int, stop: int) -> int:
+        """Steps as far as there is room; the first that there was none for."""
+        recorder = self.recorder
+        said = SaidArrays(recorder.first, recorder.step, self._said_boxes, self._said_velocity_m_s)
+        return kernels.steps(
+            *self._constant, *self._tracks, *said, *self._step, start, stop, *self._settings
+        )
 
     def _make_room(self, newborn: int) -> None:
         """For a step: columns if all detections are newborn, places if all tracks coast."""
@@ -144,9 +151,10 @@ class CompiledSteps:
             for name, matrix in larger._asdict().items():
                 matrix[:, :count] = getattr(self._tracks, name)[:, :count]
             self._have(larger)
-        self.recorder.reserve(places + count)
-        self._said_boxes = with_room(self._said_boxes, places + count)
-        self._said_velocity_m_s = with_room(self._said_velocity_m_s, places + count)
+        needed = places + (count if self._coasting else 0)
+        self.recorder.reserve(needed)
+        self._said_boxes = with_room(self._said_boxes, needed)
+        self._said_velocity_m_s = with_room(self._said_velocity_m_s, needed)
 
     def _have(self, tracks: TrackArrays) -> None:
         """Use other columns, and what a step of so many needs."""
