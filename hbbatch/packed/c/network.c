@@ -15,7 +15,7 @@ typedef float Sixteen __attribute__((vector_size(64)));
 #define TARGET __attribute__((target("avx512f,avx2,fma")))
 #define REGISTER Sixteen
 #define LANES 16
-#define ACROSS 2
+#define ACROSS 3
 #define OUTPUTS 8
 #define ADD(a, b, c) (Sixteen) _mm512_fmadd_ps((__m512)(a), (__m512)(b), (__m512)(c))
 #include "layers.h"
