@@ -51,6 +51,7 @@ class KnownArrays(NamedTuple):
         offsets: `(steps + 1,)` first detection of each step.
         first_frame: `(sequences,)` column of `times` for a sequence in step 0.
         sequence: `(n,)` number of each one's sequence.
+        place: `(n,)` where what is said of it goes, and who a track is that it begins.
         block: `(n,)`; tracks match detections of their own block only.
         kinds: `(n,)` kind codes.
         measured: `(n, 7)` boxes, not packed.
@@ -61,6 +62,7 @@ class KnownArrays(NamedTuple):
     offsets: IntArray
     first_frame: IntArray
     sequence: IntArray
+    place: IntArray
     block: IntArray
     kinds: IntArray
     measured: FloatArray
@@ -86,7 +88,7 @@ class SaidArrays(NamedTuple):
     """What is said of tracks, a place each: those of the detections, then those of coasting tracks.
 
     Attributes:
-        first: `(places,)` the detection that the track was born from.
+        first: `(places,)` the place of the detection that the track was born from.
         step: `(places,)`.
         boxes: `(places, 7)` not packed.
         velocity_m_s: `(places, 3)`.

@@ -76,6 +76,7 @@ class CompiledSteps:
             plan.offsets,
             plan.first_frame - plan.first_step,
             plan.sequence,
+            plan.place,
             block,
             kinds,
             np.ascontiguousarray(plan.boxes),
@@ -164,13 +165,15 @@ class CompiledSteps:
         self._step = StepArrays(np.empty(7 * columns), rows, numbers, self._counts, self._seconds)
 
     def end(self, sequence: int) -> None:
-        """See `Steps.end`."""
+        """See `Steps.end`: the last columns take the places of those that are dropped."""
         count = int(self._counts[_TRACKS])
-        (others,) = (self._tracks.cells[_SEQUENCE, :count] != sequence).nonzero()
-        if len(others) < count:
+        ended = self._tracks.cells[_SEQUENCE, :count] == sequence
+        left = count - int(np.count_nonzero(ended))
+        (gaps,), (movers,) = ended[:left].nonzero(), (~ended[left:]).nonzero()
+        if len(gaps):
             for matrix in self._tracks:
-                matrix[:, : len(others)] = matrix.take(others, axis=1)
-            self._counts[_TRACKS] = len(others)
+                matrix[:, gaps] = matrix[:, left + movers]
+        self._counts[_TRACKS] = left
 
     def said(self, places: IntArray) -> Said:
         """See `Steps.said`."""

@@ -112,7 +112,7 @@ class EagerSteps:
     def _manage(self, step: int, matched: IntArray, alive: int) -> None:
         """Record what is said, bury the dead, add the newborn."""
         rows = self._rows
-        self._record(np.arange(len(matched)), matched)
+        self._record(np.arange(len(matched)), self._plan.place.take(matched))
         if self._most_coasted:
             self._record_coasted(step)
         if alive < len(rows):
@@ -144,8 +144,9 @@ class EagerSteps:
         rows, alive = self._rows, len(self._rows)
         self._bank.append(newborn)
         patience = self._settings.management.max_misses_unconfirmed
-        rows.append(newborn, self._plan.sequence.take(newborn), self._block.take(newborn), patience)
-        self._record(np.arange(alive, len(rows)), newborn)
+        places, sequence = self._plan.place.take(newborn), self._plan.sequence.take(newborn)
+        rows.append(places, sequence, self._block.take(newborn), patience)
+        self._record(np.arange(alive, len(rows)), places)
 
     def end(self, sequence: int) -> None:
         """See `Steps.end`."""

@@ -12,7 +12,7 @@ from hbbatch.tracking.frames import IntArray
 CELLS: Final = ("first", "sequence", "block", "patience", "age", "misses")
 """Rows of the table, a column a track (`packed/c/rows.h`):
 
-the detection of the group that the track was born from, which is who it is; number of the sequence
+the place of the detection that the track was born from, which is who it is; number of the sequence
 in the group; tracks match detections of their own block only; consecutive misses that end it; steps
 since birth; consecutive steps without a detection."""
 
@@ -35,7 +35,7 @@ class RowTable:
 
     @property
     def first(self) -> IntArray:
-        """`(n,)` the detection of the group that the track was born from: who it is."""
+        """`(n,)` place of the detection that the track was born from: who it is."""
         return self._row(_FIRST)
 
     @property

@@ -36,7 +36,8 @@ class Schedule:
             first one of a sequence is not used.
         offsets: `(steps + 1,)` first detection of each step.
         sequence: `(n,)` sequence number of each detection, detections sorted by step.
-        row: `(n,)` row of each detection in its own `SequenceFrames`.
+        place: `(n,)` number of each detection among all of the group, sequence after sequence.
+        first_place: `(sequences + 1,)` that of each sequence's first detection.
         boxes, sight_m, scores, class_codes: the detections' columns in that order.
         ending: for each step, the sequences whose last frame it is.
         empty: sequences without frames.
@@ -47,7 +48,8 @@ class Schedule:
     dt_s: NDArray[np.float32]
     offsets: IntArray
     sequence: IntArray
-    row: IntArray
+    place: IntArray
+    first_place: IntArray
     boxes: FloatArray
     sight_m: FloatArray
     scores: FloatArray
@@ -90,8 +92,8 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
             for first, frames in zip(first_step, group, strict=True)
         ]
     )
-    sequence = np.repeat(np.arange(len(group)), [len(frames.scores) for frames in group])
-    row = np.concatenate([np.arange(len(frames.scores)) for frames in group])
+    counts = [len(frames.scores) for frames in group]
+    sequence = np.repeat(np.arange(len(group)), counts)
     order = np.argsort(step_of, kind="stable")
     return Schedule(
         first_step=first_step,
@@ -99,7 +101,8 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
         dt_s=np.concatenate([intervals(frames) for frames in group]).astype(np.float32),
         offsets=np.searchsorted(step_of[order], np.arange(steps + 1)),
         sequence=sequence[order],
-        row=row[order],
+        place=order,
+        first_place=np.cumsum([0, *counts]),
         boxes=np.concatenate([frames.boxes for frames in group]).take(order, axis=0),
         sight_m=np.concatenate([frames.sight_m for frames in group]).take(order, axis=0),
         scores=np.concatenate([frames.scores for frames in group])[order],

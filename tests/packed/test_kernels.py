@@ -49,6 +49,7 @@ def call(name: str) -> dict[str, Any]:
         offsets=np.arange(0, SEEN + 1, 2),
         first_frame=np.array([0, 1]),
         sequence=np.array([0, 1] * STEPS),
+        place=np.array([0, 4, 1, 5, 2, 6, 3, 7]),
         block=np.array([0, 1] * STEPS),
         kinds=np.array([0, 1] * STEPS),
         measured=measured,
@@ -112,8 +113,8 @@ def test_two_tracks_go_their_ways(kernels: ModuleType, name: str) -> None:
     given = call(name)
     assert kernels.steps(*given.values()) == STEPS
     assert given["counts"].tolist() == [2, SEEN, 6, 6]
-    assert given["said first"][:SEEN].tolist() == [0, 1] * STEPS
-    assert given["said boxes"][:SEEN] == pytest.approx(given["measured"], abs=0.5)
+    assert given["said first"][:SEEN].tolist() == [0] * STEPS + [4] * STEPS
+    assert given["said boxes"][given["place"]] == pytest.approx(given["measured"], abs=0.5)
     assert (given["seconds"] > 0).all()
 
 
@@ -181,7 +182,7 @@ def test_arrays_that_are_too_small_are_refused(kernels: ModuleType, name: str) -
 
 
 @pytest.mark.parametrize(
-    "what", ["offsets", "first_frame", "sequence", "kinds", "counts", "start", "stop"]
+    "what", ["offsets", "first_frame", "sequence", "place", "kinds", "counts", "start", "stop"]
 )
 @pytest.mark.parametrize("beyond", [-9, 20, 2**62, -(2**63)])
 def test_numbers_beyond_are_refused(kernels: ModuleType, what: str, beyond: int) -> None:

@@ -5,12 +5,12 @@
 
 /* The arrays of a call (packed.kernels.steps); those of the filter begin with FILTER. */
 enum {
-    OFFSETS, FIRST_FRAME, SEQUENCES, BLOCKS, KINDS, MEASURED, SEEN, TIMES, FILTER,
+    OFFSETS, FIRST_FRAME, SEQUENCES, PLACE_OF, BLOCKS, KINDS, MEASURED, SEEN, TIMES, FILTER,
     DAMPING = FILTER + FILTER_ARRAYS, CELLS, BOXES, STATE, FIRSTS, STEPS, SAID_BOXES, SAID_VELOCITY,
     PRIORS, ROWS, NUMBERS, COUNTS, SECONDS, ALL_ARRAYS
 };
 #define KINDS_OF_ARRAYS \
-    "l1l1l1l1l1d2f2f2" "l1f2f1f2f2f2f1f2f2f2f2" "d1" "L2D2F2L1L1D2D2" "D1L1L1L1D1"
+    "l1l1l1l1l1l1d2f2f2" "l1f2f1f2f2f2f1f2f2f2f2" "d1" "L2D2F2L1L1D2D2" "D1L1L1L1D1"
 
 enum { TRACKS, PLACES, PREDICTED, CORRECTED, COUNTED };
 enum { PREDICT, ASSOCIATE, UPDATE, MANAGE, STAGES };
@@ -100,6 +100,12 @@ static void arrange(Group *g, Py_ssize_t n) {
                 moved, g->spare);
 }
 
+/* Places of n detections. */
+static const int64_t *places_of(Group *g, const int64_t *detections, Py_ssize_t n) {
+    for (Py_ssize_t i = 0; i < n; i++) g->to[i] = whole(g, PLACE_OF)[detections[i]];
+    return g->to;
+}
+
 /* What n tracks are now, columns rows[i] or i, to places places[i]. */
 static void record(Group *g, const int64_t *rows, const int64_t *places, Py_ssize_t n) {
     say(&g->columns, g->filter.layout[VELOCITY], rows, places, n, real(g, SAID_BOXES),
@@ -130,16 +136,17 @@ static void give_birth(Group *g, Py_ssize_t start, Py_ssize_t stop, Py_ssize_t m
     for (Py_ssize_t i = 0; i < stop - start; i++)
         if (free[i]) newborn[born++] = start + i;
     birth(&g->filter, &g->columns, &g->known, newborn, alive, born);
+    const int64_t *places = places_of(g, newborn, born);
     for (Py_ssize_t i = 0; i < born; i++) {
         int64_t row = alive + i;
-        cell(g, FIRST)[row] = newborn[i];
+        cell(g, FIRST)[row] = places[i];
         cell(g, SEQUENCE)[row] = whole(g, SEQUENCES)[newborn[i]];
         cell(g, TRACK_BLOCK)[row] = whole(g, BLOCKS)[newborn[i]];
         cell(g, PATIENCE)[row] = g->patience_unconfirmed;
         cell(g, AGE)[row] = cell(g, MISSES)[row] = 0;
         g->order[i] = row;
     }
-    record(g, g->order, newborn, born);
+    record(g, g->order, places, born);
     g->counts[TRACKS] = alive + born;
 }
 
@@ -168,7 +175,7 @@ static End one_step(Group *g, Py_ssize_t step) {
     arrange(g, n);
     update(&g->filter, &g->columns, &g->known, detections, matched);
     stop_watch(g, UPDATE, &since);
-    record(g, NULL, detections, matched);
+    record(g, NULL, places_of(g, detections, matched), matched);
     if (g->max_coasted) record_coasted(g, step, n);
     g->counts[TRACKS] = alive, g->counts[PREDICTED] += n, g->counts[CORRECTED] += matched;
     if (matched < stop - start) give_birth(g, start, stop, matched);
@@ -185,7 +192,8 @@ static int shapes_agree(Group *g) {
     g->known = (Known){a + TIMES, a[MEASURED].view.buf, a[SEEN].view.buf, a[KINDS].view.buf};
     g->counts = whole(g, COUNTS), g->seconds = real(g, SECONDS);
     if (!filter_of(a + FILTER, &g->filter)) return 0;
-    return a[OFFSETS].columns > 0 && a[BLOCKS].columns == seen && a[KINDS].columns == seen &&
+    return a[OFFSETS].columns > 0 && a[PLACE_OF].columns == seen &&
+           a[BLOCKS].columns == seen && a[KINDS].columns == seen &&
            a[MEASURED].rows == seen && a[MEASURED].columns == BOX && a[SEEN].rows == seen &&
            a[SEEN].columns == SEEN_ROWS && a[CELLS].rows == CELL_ROWS && a[BOXES].rows == BOX &&
            a[BOXES].columns == room && a[STATE].columns == room &&
@@ -216,6 +224,7 @@ static int numbers_agree(const Group *g, Py_ssize_t start, Py_ssize_t stop) {
     return offsets[stop] <= seen && counts[TRACKS] >= 0 && counts[TRACKS] <= g->room &&
            counts[PLACES] >= seen && counts[PLACES] <= a[FIRSTS].columns &&
            between(whole(g, SEQUENCES), offsets[start], offsets[stop], sequences) &&
+           between(whole(g, PLACE_OF), offsets[start], offsets[stop], seen) &&
            between(whole(g, KINDS), offsets[start], offsets[stop], g->filter.newborn->columns) &&
            between(cell(g, SEQUENCE), 0, counts[TRACKS], sequences) &&
            between(cell(g, AGE), 0, counts[TRACKS], INT64_MAX) &&
