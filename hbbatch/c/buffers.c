@@ -9,13 +9,12 @@ void release(Array *arrays, int count) {
     while (count > 0) PyBuffer_Release(&arrays[--count].view);
 }
 
-/* Whether a buffer holds numbers of a kind: d and f as they are, l for 64-bit integers, x for any
- * of these, b for bytes. */
+/* Whether a buffer holds numbers of a kind, where a processor may read them: d and f as they are, l
+ * for 64-bit integers, b for bytes. */
 static int holds(const Py_buffer *view, char kind) {
     const char *format = view->format ? view->format : "B";
-    if (strlen(format) != 1) return 0;
+    if (strlen(format) != 1 || (uintptr_t)view->buf % (size_t)view->itemsize) return 0;
     if (kind == 'l') return (*format == 'l' || *format == 'q') && view->itemsize == 8;
-    if (kind == 'x') return *format == 'd' || *format == 'f' || holds(view, 'l');
     return *format == (kind == 'b' ? 'B' : kind);
 }
 
@@ -35,6 +34,16 @@ int take(Array *arrays, PyObject *const *given, Py_ssize_t count, const char *ki
         arrays[i].columns = view->shape[view->ndim - 1];
     }
     return wanted;
+}
+
+int whole_number(PyObject *given, Py_ssize_t *value) {
+    *value = PyNumber_AsSsize_t(given, PyExc_OverflowError);
+    return *value != -1 || !PyErr_Occurred();
+}
+
+int number(PyObject *given, double *value) {
+    *value = PyFloat_AsDouble(given);
+    return *value != -1.0 || !PyErr_Occurred();
 }
 
 int within(const Array *indices, Py_ssize_t limit) {

@@ -39,6 +39,10 @@ void release(Array *arrays, int count);
  * arguments must follow. How many arrays there are, to be released; -1 with an exception set. */
 int take(Array *arrays, PyObject *const *given, Py_ssize_t count, const char *kinds, int scalars);
 
+/* What an argument after them says; 0 with an exception set if it is no number. */
+int whole_number(PyObject *given, Py_ssize_t *value);
+int number(PyObject *given, double *value);
+
 /* Whether all indices lie in [0, limit). */
 int within(const Array *indices, Py_ssize_t limit);
 

@@ -14,6 +14,7 @@ from hbbatch.packed.arrays import IntArray
 def match(
     priors: FloatArray,
     track_block: IntArray,
+    rank: IntArray,
     boxes: FloatArray,
     block: IntArray,
     rows: IntArray,
@@ -29,6 +30,7 @@ def match(
     Args:
         priors: `(7, n)`.
         track_block: `(n,)`.
+        rank: `(n,)`; of tracks that cost the same the lowest one is matched first.
         boxes: `(m, 7)` detections.
         block: `(m,)`.
         rows: where tracks of the pairs are written; as long as the shorter side.
@@ -42,7 +44,8 @@ def match(
 def steps(*given: Any) -> int:
     """Lock steps one after the other: what `tracking.eager_steps` does.
 
-    The interpreter is free for others meanwhile, unless it is asked to match.
+    The interpreter is free for others meanwhile, unless it is asked to match. Nothing given may
+    change before the call returns, but what the matcher writes.
 
     Args:
         given: arrays of `KnownArrays`, `FilterArrays`, damping (ramp_frames, minimum, maximum,
@@ -50,8 +53,8 @@ def steps(*given: Any) -> int:
             (`packed.arrays`), one after the other; then the first step, the one after the last,
             max_misses, max_misses_unconfirmed, how many misses of a coasting track are said,
             stretch and threshold as for `match`, and who matches instead if not None: it is called
-            with the number of tracks and the first and last of the detections, puts pairs into
-            `rows` and `numbers` and says how many.
+            with the number of tracks, the first of the detections and the one after the last, puts
+            pairs into `rows` and `numbers` and says how many.
 
     Returns:
         The step that was not done since columns or places for what it may add were missing; the

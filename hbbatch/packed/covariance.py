@@ -15,7 +15,6 @@ class PackedCovariance:
     Blocks `(axes, n)` lie below each other in the order of `motion.covariance.pairs`.
 
     Attributes:
-        height: rows of all blocks.
         mixed: blocks that a time step adds to others: target and source, to be taken in this
             order, for a block takes from later ones only.
     """
@@ -33,7 +32,6 @@ class PackedCovariance:
         ]
         self.mixed = [(target, source) for target, source, _, _ in self._shares]
         self._first = [number[i, i] for i in range(order)]
-        self.height = AXES * len(pairs)
 
     def weights(self, dt_s: Single) -> Single:
         """Factors of time steps `(n,)`: a row for each of `mixed`, then for each block's noise."""

@@ -16,11 +16,25 @@ from hbbatch.boxes import FloatArray, X
 from hbbatch.config import AssociationSettings
 from hbbatch.packed import kernels
 from hbbatch.tracking.costs import COSTS, PLAN, reach_m, reach_over_radius, shapes_of
-
-IntArray = NDArray[np.int64]
+from hbbatch.tracking.frames import IntArray
 
 COMPILED_COST: Final = "ciou_3d"
 """The default; there is a kernel for it, and numpy for all others."""
+
+
+class Priors(NamedTuple):
+    """Tracks to be matched.
+
+    Attributes:
+        boxes: `(n, 7)` prior boxes, world frame.
+        block: `(n,)`; only detections of the same block can match.
+        rank: `(n,)`; of tracks that a detection costs the same the lowest one takes it, in whatever
+            order they are given.
+    """
+
+    boxes: FloatArray
+    block: IntArray
+    rank: IntArray
 
 
 class Pairs(NamedTuple):
@@ -136,11 +150,12 @@ def associate(
         Matched pairs, at most one a track and one a detection, the cheapest first.
     """
     matching = matcher(detections, detection_block, settings)
-    return matching(priors, track_block, slice(0, len(detections)))
+    tracks = Priors(priors, track_block, np.arange(len(priors)))
+    return matching(tracks, slice(0, len(detections)))
 
 
-Matcher = Callable[[FloatArray, IntArray, slice], Pairs]
-"""Matches prior boxes `(n, 7)` of blocks `(n,)` to a slice of the detections."""
+Matcher = Callable[[Priors, slice], Pairs]
+"""Matches tracks to a slice of the detections."""
 
 
 def matcher(
@@ -162,20 +177,19 @@ def matcher(
     if kernels.AVAILABLE and settings.cost == COMPILED_COST:
         return compiled_matcher(detections, block, settings.threshold)
     targets = lay_out(detections, block, settings, batch)
-    return lambda priors, track_block, part: match(
-        priors, track_block, targets.batch(part), settings
-    )
+    return lambda priors, part: match(priors, targets.batch(part), settings)
 
 
 def compiled_matcher(detections: FloatArray, block: IntArray, threshold: float) -> Matcher:
     """The compiled kernel of the cost ciou_3d."""
     boxes, stretch = np.ascontiguousarray(detections), reach_over_radius(threshold)
 
-    def match_compiled(priors: FloatArray, track_block: IntArray, part: slice) -> Pairs:
-        rows, numbers = np.empty((2, min(len(priors), part.stop - part.start)), np.int64)
+    def match_compiled(priors: Priors, part: slice) -> Pairs:
+        rows, numbers = np.empty((2, min(len(priors.boxes), part.stop - part.start)), np.int64)
         count = kernels.match(
-            np.ascontiguousarray(priors.T),
-            track_block,
+            np.ascontiguousarray(priors.boxes.T),
+            priors.block,
+            priors.rank,
             boxes,
             block,
             rows,
@@ -190,20 +204,19 @@ def compiled_matcher(detections: FloatArray, block: IntArray, threshold: float) 
     return match_compiled
 
 
-def match(
-    priors: FloatArray, track_block: IntArray, targets: Targets, settings: AssociationSettings
-) -> Pairs:
+def match(priors: Priors, targets: Targets, settings: AssociationSettings) -> Pairs:
     """`associate` with a batch of detections laid out already, in numpy."""
     if not len(targets.order):
         return Pairs.none()
-    shapes = shapes_of(priors)
+    shapes = shapes_of(priors.boxes)
     reach = reach_m(shapes, settings.cost, settings.threshold)
-    pairs = candidates(shapes[PLAN], track_block, reach, targets)
+    pairs = candidates(shapes[PLAN], priors.block, reach, targets)
     costs = COSTS[settings.cost](
         shapes.take(pairs.track, axis=1), targets.shapes.take(pairs.detection, axis=1)
     )
     affordable = np.count_nonzero(costs < settings.threshold)
-    found = greedy(pairs.take(costs.argsort(kind="stable")[:affordable]))
+    order = np.lexsort((priors.rank[pairs.track], costs))
+    found = greedy(pairs.take(order[:affordable]))
     return Pairs(found.track, targets.order[found.detection])
 
 

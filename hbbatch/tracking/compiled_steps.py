@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from hbbatch.packed import kernels
 from hbbatch.packed.arrays import KnownArrays, SaidArrays, StepArrays, TrackArrays
 from hbbatch.packed.filters import packed_filter
 from hbbatch.packed.kalman import PackedKalman
-from hbbatch.tracking.association import COMPILED_COST, matcher
+from hbbatch.tracking.association import COMPILED_COST, Matcher, Priors, matcher
 from hbbatch.tracking.costs import reach_over_radius
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.recorder import Recorder, Said, with_room
@@ -31,10 +31,10 @@ _LINE: Final = 16
 """Columns of four bytes that a cache takes at once."""
 
 _STEPS_AT_ONCE: Final = 256
-"""Between which the interpreter hears of an interrupt: some hundredths of a second."""
+"""Between which the interpreter hears of an interrupt: rarely more than some tenths of a second."""
 
 _TRACKS, _PLACES, _PREDICTED, _CORRECTED = range(4)
-_SEQUENCE, _BLOCK = CELLS.index("sequence"), CELLS.index("block")
+_FIRST, _SEQUENCE, _BLOCK = map(CELLS.index, ("first", "sequence", "block"))
 
 
 def compiled_steps(file: WeightsFile) -> MakeSteps:
@@ -91,29 +91,12 @@ class CompiledSteps:
         self._have(_columns(_FIRST_COLUMNS, motion.height))
         limits, said_misses = settings.management, most_coasted(settings)
         self._coasting = said_misses > 0
+        threshold = settings.association.threshold
+        self._match = _other_matcher(plan, block, settings.association)
         self._settings = (
             *(limits.max_misses, limits.max_misses_unconfirmed, said_misses),
-            *self._association(plan, block, settings.association),
+            *(0.0 if self._match else reach_over_radius(threshold), threshold),
         )
-
-    def _association(
-        self, plan: Schedule, block: IntArray, association: AssociationSettings
-    ) -> tuple[float, float, Callable[[int, int, int], int] | None]:
-        """Stretch and threshold of the compiled cost, or who matches with another one."""
-        threshold = association.threshold
-        if association.cost == COMPILED_COST:
-            return reach_over_radius(threshold), threshold, None
-        steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
-        match = matcher(plan.boxes, block, association, steps)
-
-        def pairs(count: int, start: int, stop: int) -> int:
-            priors = self._step.priors[: 7 * count].reshape(7, count).T
-            found = match(priors, self._tracks.cells[_BLOCK, :count], slice(start, stop))
-            self._step.rows[: len(found.track)] = found.track
-            self._step.numbers[: len(found.track)] = found.detection
-            return len(found.track)
-
-        return 0.0, threshold, pairs
 
     @property
     def predicted(self) -> int:
@@ -141,8 +124,18 @@ class CompiledSteps:
         recorder = self.recorder
         said = SaidArrays(recorder.first, recorder.step, self._said_boxes, self._said_velocity_m_s)
         return kernels.steps(
-            *self._constant, *self._tracks, *said, *self._step, start, stop, *self._settings
+            *(*self._constant, *self._tracks, *said, *self._step, start, stop, *self._settings),
+            partial(self._pairs, self._match) if self._match else None,
         )
+
+    def _pairs(self, match: Matcher, count: int, start: int, stop: int) -> int:
+        """Match the first tracks with the detections from start to before stop; how many pairs."""
+        cells = self._tracks.cells[:, :count]
+        boxes = self._step.priors[: 7 * count].reshape(7, count).T
+        found = match(Priors(boxes, cells[_BLOCK], cells[_FIRST]), slice(start, stop))
+        self._step.rows[: len(found.track)] = found.track
+        self._step.numbers[: len(found.track)] = found.detection
+        return len(found.track)
 
     def _make_room(self, newborn: int) -> None:
         """For a step: columns if all detections are newborn, places if all tracks coast."""
@@ -181,8 +174,18 @@ class CompiledSteps:
         return boxes, self._said_velocity_m_s.take(places, axis=0)
 
 
+def _other_matcher(
+    plan: Schedule, block: IntArray, association: AssociationSettings
+) -> Matcher | None:
+    """Who matches, if not the kernel."""
+    if association.cost == COMPILED_COST:
+        return None
+    steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+    return matcher(plan.boxes, block, association, steps)
+
+
 def _columns(count: int, height: int) -> TrackArrays:
-    """Room for so many tracks or a few more: an odd number of cache lines a row.
+    """Room for so many tracks or a few more: rows of states are an odd number of cache lines long.
 
     Were it a power of two, the rows of a column would drive each other out of the cache.
     """

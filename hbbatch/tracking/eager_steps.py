@@ -15,7 +15,7 @@ import numpy as np
 from hbbatch.boxes import FloatArray
 from hbbatch.config import TrackSettings
 from hbbatch.model.weights_files import WeightsFile
-from hbbatch.tracking.association import Pairs, matcher
+from hbbatch.tracking.association import Pairs, Priors, matcher
 from hbbatch.tracking.frames import IntArray
 from hbbatch.tracking.recorder import Recorder, Said
 from hbbatch.tracking.rows import RowTable
@@ -103,7 +103,7 @@ class EagerSteps:
     def _associate(self, step: int, priors: FloatArray) -> Pairs:
         """Matched (row, detection number of the group)."""
         part = slice(self._offsets[step], self._offsets[step + 1])
-        return self._match(priors, self._rows.block, part)
+        return self._match(Priors(priors, self._rows.block, self._rows.first), part)
 
     def _arrange(self, order: IntArray) -> None:
         self._rows.arrange(order)

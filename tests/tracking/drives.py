@@ -38,8 +38,10 @@ def car(x: float, y: float = 0.0, yaw: float = 0.0) -> list[float]:
     return [x, y, 0.8, 4.5, 1.8, 1.5, yaw]
 
 
-def passing_cars(seed: int, frames: int = 60, cars: int = 6, name: str = "s") -> SequenceFrames:
-    """Cars on parallel lanes with noise, misses and false detections."""
+def passing_cars(
+    seed: int, frames: int = 60, cars: int = 6, name: str = "s", doubled: float = 0.0
+) -> SequenceFrames:
+    """Cars on parallel lanes with noise, misses and false detections; some are detected twice."""
     rng = np.random.default_rng(seed)
     start, speed = rng.uniform(-30, 30, cars), rng.uniform(-12, 12, cars)
     drive = []
@@ -50,5 +52,5 @@ def passing_cars(seed: int, frames: int = 60, cars: int = 6, name: str = "s") ->
             if rng.random() < 0.8
         ]
         seen += [car(*rng.uniform(-40, 40, 2)) for _ in range(rng.poisson(0.5))]
-        drive.append(seen)
+        drive.append(seen + [box for box in seen if rng.random() < doubled])
     return sequence(drive, name=name)

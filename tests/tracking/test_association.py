@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import Pairs, associate, candidates, greedy, lay_out, matcher
+from hbbatch.tracking.association import (
+    Pairs,
+    Priors,
+    associate,
+    candidates,
+    greedy,
+    lay_out,
+    matcher,
+)
 from hbbatch.tracking.costs import COSTS, shapes_of
 
 COST_NAMES = sorted(COSTS)
@@ -103,7 +111,7 @@ def test_batches_laid_out_together_match_as_if_alone(cost: str) -> None:
     matching = matcher(detections, block, settings, batch)
     for start in (0, 30):
         part = slice(start, start + 30)
-        found = matching(priors, block[:30], part)
+        found = matching(Priors(priors, block[:30], np.arange(30)), part)
         alone = associate(priors, block[:30], detections[part], block[part], settings)
         there = {(track, detection + start) for track, detection in zip(*alone, strict=True)}
         assert set(zip(*found, strict=True)) == there

@@ -1,6 +1,6 @@
 """The compiled steps against those of the torch modules, over whole drives and all settings.
 
-Both compute in float32 but round in another order. With the shipped weights a tenth of a millimetre
+Both compute in float32 but round in another order. With the shipped weights less than a millimetre
 is what remains; with parameters at random, 2e-4 of a metre or metre per second after a few steps.
 """
 
@@ -36,6 +36,11 @@ SETTINGS = {
     "coasting": {"output": ONLINE},
     "damped": {"output": ONLINE, "damping": {"enabled": True}},
     "patient": {"management": {"max_misses": 40, "max_misses_unconfirmed": 20}},
+    "damped, patient with the unconfirmed": {
+        "output": ONLINE,
+        "damping": {"enabled": True},
+        "management": {"max_misses": 3, "max_misses_unconfirmed": 8},
+    },
     "far": {"association": {"cost": "l2"}},
 }
 
@@ -62,14 +67,14 @@ def assert_same(group: Sequence[SequenceFrames], settings: TrackSettings) -> Non
         assert found.score == pytest.approx(expected.score, nan_ok=True, abs=0)
         apart = found.boxes - expected.boxes
         apart[:, 6] = np.sin(apart[:, 6] / 2)
-        assert np.abs(apart).max(initial=0.0) < 1e-4
+        assert np.abs(apart).max(initial=0.0) < 1e-3
         assert found.velocity_m_s == pytest.approx(expected.velocity_m_s, abs=1e-2)
 
 
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
 @pytest.mark.parametrize("changes", SETTINGS.values(), ids=SETTINGS)
 def test_both_track_alike(name: str, changes: dict[str, object]) -> None:
-    group = [passing_cars(seed, 40 + 10 * seed, cars=6 + seed) for seed in range(5)]
+    group = [passing_cars(seed, 40 + 60 * seed, 6 + seed, doubled=0.1) for seed in range(5)]
     assert_same(group, TrackSettings.model_validate({"filter": name, **changes}))
 
 

@@ -90,10 +90,12 @@ def test_empty_sequences_give_empty_tracks() -> None:
 
 
 @pytest.mark.parametrize("name", ["kalman", "hybrid"])
+@pytest.mark.parametrize("cost", ["ciou_3d", "l2"])
 @pytest.mark.usefixtures("kernels")
-def test_a_sequence_does_not_feel_the_others_of_its_group(name: str) -> None:
-    group = [passing_cars(seed, 30 + 10 * seed, name=str(seed)) for seed in range(5)]
-    tracker = Tracker(settings(filter=name))
+def test_a_sequence_does_not_feel_the_others_of_its_group(name: str, cost: str) -> None:
+    """Not even where boxes are there twice, so that tracks compete that are the same."""
+    group = [passing_cars(n, 30 + 10 * n, name=str(n), doubled=0.4) for n in range(6)]
+    tracker = Tracker(settings(filter=name, association={"cost": cost}))
     together = {d.frames.sequence_id: d.tracks for d in tracker.track(group)}
     for frames in group:
         (alone,) = tracker.track([frames])

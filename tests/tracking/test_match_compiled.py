@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hbbatch.config import AssociationSettings
-from hbbatch.tracking.association import compiled_matcher, lay_out, match
+from hbbatch.tracking.association import Priors, compiled_matcher, lay_out, match
 from tests.tracking.test_association import boxes_around, cost_of
 
 pytestmark = pytest.mark.usefixtures("kernels")
@@ -36,8 +36,9 @@ def assert_same_pairs(
     batch = np.repeat([0, 1], [start, len(detections) - start])
     targets = lay_out(detections, detection_block, settings, batch)
     part = slice(start, len(detections))
-    slow = match(priors, track_block, targets.batch(part), settings)
-    fast = compiled_matcher(detections, detection_block, threshold)(priors, track_block, part)
+    tracks = Priors(priors, track_block, np.arange(len(priors)))
+    slow = match(tracks, targets.batch(part), settings)
+    fast = compiled_matcher(detections, detection_block, threshold)(tracks, part)
     if not all(np.array_equal(*columns) for columns in zip(slow, fast, strict=True)):
         costs = [
             np.sort(cost_of("ciou_3d", priors[pairs.track], detections[pairs.detection]))
@@ -86,7 +87,7 @@ def test_boxes_that_share_edges_and_corners_cost_the_same(seed: int) -> None:
     block = np.zeros(1, np.int64)
     for threshold, found in ((cost + PAIR_TOLERANCE, 1), (cost - PAIR_TOLERANCE, 0)):
         matching = compiled_matcher(detection, block, threshold)
-        assert len(matching(prior, block, slice(0, 1)).track) == found
+        assert len(matching(Priors(prior, block, block), slice(0, 1)).track) == found
 
 
 def test_far_blocks() -> None:
@@ -103,7 +104,7 @@ def test_empty_sides(tracks: int, detections: int) -> None:
     rng = np.random.default_rng(1)
     matching = compiled_matcher(boxes_around(rng, 8), np.zeros(8, np.int64), 1.3)
     priors, block = boxes_around(rng, tracks), np.zeros(tracks, np.int64)
-    assert not len(matching(priors, block, slice(2, 2 + detections)).track)
+    assert not len(matching(Priors(priors, block, block), slice(2, 2 + detections)).track)
 
 
 def test_what_is_not_a_number_is_not_matched() -> None:
@@ -112,7 +113,8 @@ def test_what_is_not_a_number_is_not_matched() -> None:
     detections = priors.copy()
     priors[0, 0] = priors[1, 1] = priors[2, 6] = detections[3, 0] = detections[4, 3] = np.nan
     block = np.zeros(12, np.int64)
-    found = compiled_matcher(detections, block, 1.3)(priors, block, slice(0, 12))
+    tracks = Priors(priors, block, np.arange(12))
+    found = compiled_matcher(detections, block, 1.3)(tracks, slice(0, 12))
     assert {(i, i) for i in range(5, 12)} <= set(zip(*found, strict=True))
     assert not set(found.track) & {0, 1, 2}
     assert not set(found.detection) & {3, 4}
@@ -121,7 +123,7 @@ def test_what_is_not_a_number_is_not_matched() -> None:
 def arguments(detections: np.ndarray) -> list[Any]:
     rows = np.empty((2, 4), np.int64)
     none = np.zeros(4, np.int64)
-    return [np.ones((7, 4)), none, detections, np.zeros(6, np.int64), *rows, 0, 6, 1.0, 1.3]
+    return [np.ones((7, 4)), none, none, detections, np.zeros(6, np.int64), *rows, 0, 6, 1.0, 1.3]
 
 
 @pytest.mark.parametrize(
@@ -134,17 +136,18 @@ def arguments(detections: np.ndarray) -> list[Any]:
         (0, "priors"),
         (1, np.zeros(3, np.int64)),
         (1, np.zeros(4, np.int32)),
-        (2, np.zeros((6, 14))[:, ::2]),
-        (2, np.zeros((6, 6))),
-        (3, np.zeros(5, np.int64)),
-        (4, np.zeros(3, np.int64)),
+        (2, np.zeros(3, np.int64)),
+        (3, np.zeros((6, 14))[:, ::2]),
+        (3, np.zeros((6, 6))),
+        (4, np.zeros(5, np.int64)),
         (5, np.zeros(3, np.int64)),
-        (6, -1),
-        (6, 7),
+        (6, np.zeros(3, np.int64)),
+        (7, -1),
         (7, 7),
-        (7, -(2**63)),
-        (7, 2**80),
-        (8, "1"),
+        (8, 7),
+        (8, -(2**63)),
+        (8, 2**80),
+        (9, "1"),
     ],
 )
 def test_what_does_not_fit_is_refused(kernels: ModuleType, place: int, wrong: object) -> None:
@@ -159,7 +162,7 @@ def test_what_does_not_fit_is_refused(kernels: ModuleType, place: int, wrong: ob
 
 def test_what_is_written_must_be_writable(kernels: ModuleType) -> None:
     right = arguments(boxes_around(np.random.default_rng(3), 6))
-    right[4].flags.writeable = False
+    right[5].flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
         kernels.match(*right)
 
@@ -172,5 +175,20 @@ def test_a_box_that_is_none_takes_no_match_from_others(kernels: ModuleType) -> N
     )
     block = np.zeros(3, np.int64)
     for order in ([0, 1, 2], [1, 0, 2], [2, 1, 0]):
-        pairs = compiled_matcher(seen[order], block, 1.3)(track, block[:1], slice(0, 3))
+        tracks = Priors(track, block[:1], block[:1])
+        pairs = compiled_matcher(seen[order], block, 1.3)(tracks, slice(0, 3))
         assert pairs.detection.tolist() == [order.index(0)]
+
+
+def test_of_tracks_that_cost_the_same_the_lower_rank_is_matched(kernels: ModuleType) -> None:
+    """In whatever order they are given: compiled and in numpy."""
+    box = np.array([[0, 0, 1, 4.5, 1.8, 1.5, 0.3]])
+    settings = AssociationSettings()
+    block = np.zeros(3, np.int64)
+    for rank in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+        tracks = Priors(np.tile(box, (3, 1)), block, np.array(rank))
+        seen, seen_block = np.tile(box, (2, 1)), block[:2]
+        compiled = compiled_matcher(seen, seen_block, settings.threshold)(tracks, slice(0, 2))
+        for pairs in (compiled, match(tracks, lay_out(seen, seen_block, settings), settings)):
+            assert pairs.track.tolist() == [rank.index(0), rank.index(1)]
+            assert pairs.detection.tolist() == [0, 1]

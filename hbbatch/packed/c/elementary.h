@@ -42,7 +42,8 @@ static inline void cosine_and_sine(double angle, double *cosine, double *sine) {
     *sine = with_sign(quarter & 1 ? c : s, quarter >> 1 & 1);
 }
 
-/* Of positive numbers, within 1e-7; about -88 of zero. What is not a number stays none. */
+/* Of positive numbers, within 1e-7 or a few units in the last place; -88 of zero. Of others nothing
+ * is said but that what is not a number stays none. */
 static inline float logarithm(float x) {
     uint32_t bits;
     memcpy(&bits, &x, sizeof(bits));

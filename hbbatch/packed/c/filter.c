@@ -37,7 +37,7 @@ static int gains(const Array *weights, Filter *filter) {
     Py_ssize_t memory = filter->layout[ONE], width = filter->layout[ELAPSED] + 2 + GAIN_ROWS;
     Py_ssize_t cells = (memory + TILE_ROWS - 1) / TILE_ROWS * TILE_ROWS;
     layers[1].inputs = layers[3].inputs = memory, layers[2].inputs = width - memory;
-    return memory > 0 && filter->gain_limit->columns <= width &&
+    return memory > 0 && width > memory && filter->gain_limit->columns <= width &&
            layers_of(weights, 4, width, layers) && layers[0].outputs == 2 * cells &&
            layers[1].outputs == cells && layers[2].outputs == cells &&
            (!layers[3].outputs || layers[3].outputs >= 2 * AXES);

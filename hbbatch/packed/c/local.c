@@ -66,8 +66,8 @@ FOR_EACH_PROCESSOR PyObject *local_fit(PyObject *module, PyObject *const *given,
     Array a[MOST_ARRAYS];
     int taken = take(a, given, count, "l1d1d2d1D2", 1);
     if (taken < 0) return NULL;
-    double reach = PyFloat_AsDouble(given[taken]);
-    if (PyErr_Occurred()) return release(a, taken), NULL;
+    double reach;
+    if (!number(given[taken], &reach)) return release(a, taken), NULL;
     Py_ssize_t n = a[0].columns, columns = a[2].columns;
     if (a[1].columns != n || a[2].rows != n || a[3].columns != n || a[4].rows != n ||
         a[4].columns != columns || columns > MOST_COLUMNS || !(reach > 0.0))

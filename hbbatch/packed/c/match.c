@@ -106,6 +106,7 @@ typedef struct {
 
 typedef struct {
     double cost;
+    int64_t rank;
     Py_ssize_t track, place;
 } Pair;
 
@@ -114,7 +115,9 @@ static inline int before(const Key *a, const Key *b) {
     return a->block < b->block || (a->block == b->block && a->x < b->x);
 }
 
-static inline int cheaper(const Pair *a, const Pair *b) { return a->cost < b->cost; }
+static inline int cheaper(const Pair *a, const Pair *b) {
+    return a->cost < b->cost || (a->cost == b->cost && a->rank < b->rank);
+}
 
 DEFINE_SORT(sort_keys, Key, before)
 DEFINE_SORT(sort_pairs, Pair, cheaper)
@@ -163,30 +166,29 @@ static int look_at(Search *s, double threshold) {
     return 1;
 }
 
-static void add(Search *s, const Shape *prior, const Shape *seen, Py_ssize_t track,
-                Py_ssize_t place) {
+static void add(Search *s, const Shape *prior, const Shape *seen, Pair pair) {
     for (int i = 0; i < SHAPE; i++)
         s->prior[i][s->count] = prior->at[i], s->seen[i][s->count] = seen->at[i];
-    s->of[s->count++] = (Pair){INFINITY, track, place};
+    s->of[s->count++] = pair;
 }
 
 /* Pairs of tracks and sorted detections that are affordable, by track. Whether there was memory. */
-static int search(Search *s, const double *priors, const int64_t *block, Py_ssize_t tracks,
-                  const Key *keys, const Shape *detections, Py_ssize_t count, Affordable most) {
+static int search(Search *s, Priors tracks, const Key *keys, const Shape *detections,
+                  Py_ssize_t count, Affordable most) {
     double widest = 0.0;
     for (Py_ssize_t k = 0; k < count; k++)
         if (detections[k].reach > widest) widest = detections[k].reach; /* NaN never is. */
-    for (Py_ssize_t i = 0; i < tracks; i++) {
-        Shape own = shape_of(priors + i, (size_t)tracks, most.stretch);
+    for (Py_ssize_t i = 0; i < tracks.n; i++) {
+        Shape own = shape_of(tracks.boxes + i, (size_t)tracks.n, most.stretch);
         double strip = own.reach + widest;
-        Py_ssize_t place = first_from(keys, count, block[i], own.at[X] - strip);
-        for (; place < count && keys[place].block == block[i]; place++) {
+        Py_ssize_t place = first_from(keys, count, tracks.block[i], own.at[X] - strip);
+        for (; place < count && keys[place].block == tracks.block[i]; place++) {
             const Shape *d = detections + place;
             double dx = d->at[X] - own.at[X], dy = d->at[Y] - own.at[Y];
             double both = own.reach + d->reach;
             if (keys[place].x - own.at[X] > strip) break;
             if (!(dx * dx + dy * dy < both * both)) continue;
-            add(s, &own, d, i, place);
+            add(s, &own, d, (Pair){INFINITY, tracks.rank[i], i, place});
             if (s->count == BATCH && !look_at(s, most.threshold)) return 0;
         }
     }
@@ -207,16 +209,15 @@ static Py_ssize_t choose(const Pair *pairs, Py_ssize_t found, const Key *keys, P
     return matched;
 }
 
-FOR_EACH_PROCESSOR Py_ssize_t match_boxes(const double *priors, const int64_t *track_block,
-                                          Py_ssize_t tracks, const double *boxes,
+FOR_EACH_PROCESSOR Py_ssize_t match_boxes(Priors tracks, const double *boxes,
                                           const int64_t *block, Py_ssize_t start, Py_ssize_t stop,
                                           Affordable most, int64_t *rows, int64_t *numbers) {
     Py_ssize_t matched = -1, seen = stop - start;
-    Search s = {.room = 2 * tracks + BATCH};
+    Search s = {.room = 2 * tracks.n + BATCH};
     Key *keys = malloc(2 * sizeof(Key) * (size_t)(seen + 1));
     Shape *detections = malloc(sizeof(Shape) * (size_t)(seen + 1));
     Pair *spare = NULL;
-    char *used = calloc((size_t)(tracks + seen + 1), 1);
+    char *used = calloc((size_t)(tracks.n + seen + 1), 1);
     s.pairs = malloc(sizeof(Pair) * (size_t)s.room);
     if (keys && detections && s.pairs && used) {
         for (Py_ssize_t number = start; number < stop; number++) {
@@ -226,36 +227,38 @@ FOR_EACH_PROCESSOR Py_ssize_t match_boxes(const double *priors, const int64_t *t
         sort_keys(keys, keys + seen, seen);
         for (Py_ssize_t k = 0; k < seen; k++)
             detections[k] = shape_of(boxes + 7 * keys[k].number, 1, most.stretch);
-        if (search(&s, priors, track_block, tracks, keys, detections, seen, most))
+        if (search(&s, tracks, keys, detections, seen, most))
             spare = malloc(sizeof(Pair) * (size_t)(s.found + 1));
     }
     if (spare) {
         sort_pairs(s.pairs, spare, s.found);
-        matched = choose(s.pairs, s.found, keys, tracks, used, rows, numbers);
+        matched = choose(s.pairs, s.found, keys, tracks.n, used, rows, numbers);
     }
     free(keys), free(detections), free(s.pairs), free(spare), free(used);
     return matched;
 }
 
-/* match(priors, track_block, boxes, block, rows, numbers, start, stop, stretch, threshold)
+/* match(priors, track_block, rank, boxes, block, rows, numbers, start, stop, stretch, threshold)
  * -> how many pairs were written; of the detections, boxes (m, 7), those from start to stop. */
 PyObject *match(PyObject *module, PyObject *const *given, Py_ssize_t count) {
     (void)module;
-    Array a[MOST_ARRAYS];
-    int taken = take(a, given, count, "d2l1d2l1L1L1", 4);
+    enum { BOXES, BLOCKS, RANKS, SEEN, SEEN_BLOCKS, ROWS, NUMBERS, ALL_ARRAYS };
+    Array a[ALL_ARRAYS];
+    Py_ssize_t start, stop, matched = -1;
+    Affordable most;
+    int taken = take(a, given, count, "d2l1l1d2l1L1L1", 4);
     if (taken < 0) return NULL;
-    Py_ssize_t start = PyNumber_AsSsize_t(given[6], PyExc_OverflowError);
-    Py_ssize_t stop = PyNumber_AsSsize_t(given[7], PyExc_OverflowError);
-    Affordable most = {PyFloat_AsDouble(given[8]), PyFloat_AsDouble(given[9])};
-    if (PyErr_Occurred()) return release(a, taken), NULL;
-    Py_ssize_t tracks = a[0].columns, matched = -1, seen = -1;
-    if (start >= 0 && start <= stop && stop <= a[2].rows) seen = stop - start;
-    if (a[0].rows != 7 || a[1].columns != tracks || a[2].columns != 7 ||
-        a[3].columns != a[2].rows || seen < 0 ||
-        a[4].columns < LEAST(tracks, seen) || a[5].columns < LEAST(tracks, seen))
+    if (!whole_number(given[taken], &start) || !whole_number(given[taken + 1], &stop) ||
+        !number(given[taken + 2], &most.stretch) || !number(given[taken + 3], &most.threshold))
+        return release(a, taken), NULL;
+    Py_ssize_t n = a[BOXES].columns, seen = a[SEEN].rows;
+    if (a[BOXES].rows != 7 || a[BLOCKS].columns != n || a[RANKS].columns != n ||
+        a[SEEN].columns != 7 || a[SEEN_BLOCKS].columns != seen || start < 0 || start > stop ||
+        stop > seen || LEAST(a[ROWS].columns, a[NUMBERS].columns) < LEAST(n, stop - start))
         return release(a, taken), refuse("match: shapes do not agree");
-    matched = match_boxes(a[0].view.buf, a[1].view.buf, tracks, a[2].view.buf, a[3].view.buf, start,
-                          stop, most, a[4].view.buf, a[5].view.buf);
+    Priors tracks = {a[BOXES].view.buf, a[BLOCKS].view.buf, a[RANKS].view.buf, n};
+    matched = match_boxes(tracks, a[SEEN].view.buf, a[SEEN_BLOCKS].view.buf, start, stop, most,
+                          a[ROWS].view.buf, a[NUMBERS].view.buf);
     release(a, taken);
     return matched < 0 ? PyErr_NoMemory() : PyLong_FromSsize_t(matched);
 }

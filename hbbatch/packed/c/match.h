@@ -10,11 +10,16 @@ typedef struct {
     double stretch, threshold;
 } Affordable;
 
-/* Pairs of tracks, whose prior boxes are (7, tracks), and of the detections from start to stop, both
- * of the same block: row and number of each are written, the cheapest first. How many there are;
- * -1 without memory. */
-Py_ssize_t match_boxes(const double *priors, const int64_t *track_block, Py_ssize_t tracks,
-                       const double *boxes, const int64_t *block, Py_ssize_t start,
+/* n tracks: prior boxes (7, n), blocks, and who goes first where costs are equal. */
+typedef struct {
+    const double *boxes;
+    const int64_t *block, *rank;
+    Py_ssize_t n;
+} Priors;
+
+/* Pairs of tracks and of the detections from start to stop, both of the same block: row and number
+ * of each are written, the cheapest first. How many there are; -1 without memory. */
+Py_ssize_t match_boxes(Priors tracks, const double *boxes, const int64_t *block, Py_ssize_t start,
                        Py_ssize_t stop, Affordable most, int64_t *rows, int64_t *numbers);
 
 #endif

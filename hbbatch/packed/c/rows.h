@@ -18,10 +18,8 @@ Py_ssize_t settle(int64_t *cells, Py_ssize_t wide, Py_ssize_t n, const int64_t *
 Py_ssize_t moves(const int64_t *order, Py_ssize_t n, int64_t *from, int64_t *to);
 
 /* Make so many moves in a matrix of numbers of 8 or 4 bytes; `spare` is room for them. */
-void move_wide(uint64_t *matrix, Py_ssize_t rows, Py_ssize_t wide, const int64_t *from,
-               const int64_t *to, Py_ssize_t moved, void *spare);
-void move_narrow(uint32_t *matrix, Py_ssize_t rows, Py_ssize_t wide, const int64_t *from,
-                 const int64_t *to, Py_ssize_t moved, void *spare);
+void move(const Array *matrix, const int64_t *from, const int64_t *to, Py_ssize_t moved,
+          void *spare);
 
 /* Boxes (7), in the order of their fields, and velocities (3), from that row of the state on, of so
  * many columns; of column rows[i], or i without rows, to place places[i]. */

@@ -12,8 +12,13 @@ enum {
 #define KINDS_OF_ARRAYS \
     "l1l1l1l1l1l1d2f2f2" "l1f2f1f2f2f2f1f2f2f2f2" "d1" "L2D2F2L1L1D2D2" "D1L1L1L1D1"
 
+_Static_assert(sizeof(KINDS_OF_ARRAYS) == 2 * ALL_ARRAYS + 1, "a kind for each array");
+
 enum { TRACKS, PLACES, PREDICTED, CORRECTED, COUNTED };
 enum { PREDICT, ASSOCIATE, UPDATE, MANAGE, STAGES };
+
+/* What is counted stays so far below what a number can hold. */
+#define MOST_COUNTED ((int64_t)1 << 62)
 
 /* How a step ends. */
 typedef enum { DONE, NO_ROOM, NO_MEMORY, NO_FIT, RAISED } End;
@@ -24,7 +29,8 @@ typedef struct {
     Columns columns;
     Known known;
     Affordable most;
-    int64_t patience, patience_unconfirmed, max_coasted, *counts;
+    Py_ssize_t patience, patience_unconfirmed, max_coasted;
+    int64_t counts[COUNTED];
     double *seconds;
     PyObject *matching;
     /* Scratch for as many tracks as there may be. */
@@ -62,7 +68,9 @@ static double scaling_factor(const double *damping, int64_t age, int64_t misses)
 /* The frame of each track and, with damping, the share of the way it goes. */
 static End look_ahead(Group *g, Py_ssize_t step, Py_ssize_t n) {
     for (Py_ssize_t i = 0; i < n; i++) {
-        g->frames[i] = whole(g, FIRST_FRAME)[cell(g, SEQUENCE)[i]] + step;
+        int64_t sequence = cell(g, SEQUENCE)[i];
+        if (sequence < 0 || sequence >= g->arrays[FIRST_FRAME].columns) return NO_FIT;
+        g->frames[i] = whole(g, FIRST_FRAME)[sequence] + step;
         if (g->frames[i] < 0 || g->frames[i] >= g->known.times->columns) return NO_FIT;
         if (g->arrays[DAMPING].columns)
             g->shares[i] = scaling_factor(real(g, DAMPING), cell(g, AGE)[i], cell(g, MISSES)[i]);
@@ -76,10 +84,14 @@ static Py_ssize_t ask(Group *g, Py_ssize_t n, Py_ssize_t start, Py_ssize_t stop)
     Py_ssize_t matched = said ? PyNumber_AsSsize_t(said, PyExc_OverflowError) : -1;
     Py_XDECREF(said);
     if (PyErr_Occurred()) return -1;
+    int64_t *taken = g->to;
     int fits = matched >= 0 && matched <= LEAST(n, stop - start);
-    for (Py_ssize_t k = 0; fits && k < matched; k++)
-        fits = whole(g, ROWS)[k] >= 0 && whole(g, ROWS)[k] < n && whole(g, NUMBERS)[k] >= start &&
-               whole(g, NUMBERS)[k] < stop;
+    for (Py_ssize_t i = 0; i < stop - start; i++) taken[i] = 0;
+    for (Py_ssize_t k = 0; fits && k < matched; k++) {
+        int64_t row = whole(g, ROWS)[k], number = whole(g, NUMBERS)[k];
+        fits = row >= 0 && row < n && number >= start && number < stop && !taken[number - start];
+        if (fits) taken[number - start] = 1;
+    }
     if (!fits) refuse("steps: pairs that there are not");
     return fits ? matched : -1;
 }
@@ -87,17 +99,16 @@ static Py_ssize_t ask(Group *g, Py_ssize_t n, Py_ssize_t start, Py_ssize_t stop)
 static Py_ssize_t associate(Group *g, Py_ssize_t n, Py_ssize_t start, Py_ssize_t stop) {
     if (!n || start == stop) return 0;
     if (g->matching != Py_None) return ask(g, n, start, stop);
-    return match_boxes(real(g, PRIORS), cell(g, TRACK_BLOCK), n, g->known.measured,
-                       whole(g, BLOCKS), start, stop, g->most, whole(g, ROWS), whole(g, NUMBERS));
+    Priors tracks = {real(g, PRIORS), cell(g, TRACK_BLOCK), cell(g, FIRST), n};
+    return match_boxes(tracks, g->known.measured, whole(g, BLOCKS), start, stop, g->most,
+                       whole(g, ROWS), whole(g, NUMBERS));
 }
 
 /* Matched rows come first, dying ones last. */
 static void arrange(Group *g, Py_ssize_t n) {
     Py_ssize_t moved = moves(g->order, n, g->from, g->to);
-    move_wide(g->arrays[CELLS].view.buf, CELL_ROWS, g->room, g->from, g->to, moved, g->spare);
-    move_wide(g->arrays[BOXES].view.buf, BOX, g->room, g->from, g->to, moved, g->spare);
-    move_narrow(g->arrays[STATE].view.buf, g->arrays[STATE].rows, g->columns.step, g->from, g->to,
-                moved, g->spare);
+    for (int matrix = CELLS; matrix <= STATE; matrix++)
+        move(g->arrays + matrix, g->from, g->to, moved, g->spare);
 }
 
 /* Places of n detections. */
@@ -190,8 +201,9 @@ static int shapes_agree(Group *g) {
     g->room = room;
     g->columns = (Columns){a[BOXES].view.buf, a[STATE].view.buf, room, a[STATE].columns};
     g->known = (Known){a + TIMES, a[MEASURED].view.buf, a[SEEN].view.buf, a[KINDS].view.buf};
-    g->counts = whole(g, COUNTS), g->seconds = real(g, SECONDS);
-    if (!filter_of(a + FILTER, &g->filter)) return 0;
+    g->seconds = real(g, SECONDS);
+    if (a[COUNTS].columns != COUNTED || !filter_of(a + FILTER, &g->filter)) return 0;
+    memcpy(g->counts, whole(g, COUNTS), sizeof(g->counts));
     return a[OFFSETS].columns > 0 && a[PLACE_OF].columns == seen &&
            a[BLOCKS].columns == seen && a[KINDS].columns == seen &&
            a[MEASURED].rows == seen && a[MEASURED].columns == BOX && a[SEEN].rows == seen &&
@@ -202,14 +214,15 @@ static int shapes_agree(Group *g) {
            a[SAID_BOXES].columns == BOX && a[SAID_VELOCITY].rows == places &&
            a[SAID_VELOCITY].columns == 3 && a[PRIORS].columns == BOX * room &&
            a[ROWS].columns == room && a[NUMBERS].columns == room &&
-           a[COUNTS].columns == COUNTED && a[SECONDS].columns == STAGES &&
+           a[SECONDS].columns == STAGES &&
            (a[DAMPING].columns == 4 || !a[DAMPING].columns) &&
            a[TIMES].rows == WEIGHTS + g->filter.mixed + blocks_of(g->filter.layout);
 }
 
-static int between(const int64_t *values, Py_ssize_t from, Py_ssize_t to, int64_t limit) {
+static int between(const int64_t *values, Py_ssize_t from, Py_ssize_t to, int64_t least,
+                   int64_t limit) {
     for (Py_ssize_t i = from; i < to; i++)
-        if (values[i] < 0 || values[i] >= limit) return 0;
+        if (values[i] < least || values[i] >= limit) return 0;
     return 1;
 }
 
@@ -221,26 +234,26 @@ static int numbers_agree(const Group *g, Py_ssize_t start, Py_ssize_t stop) {
     if (start < 0 || start > stop || stop >= a[OFFSETS].columns) return 0;
     for (Py_ssize_t step = start; step < stop; step++)
         if (offsets[step] < 0 || offsets[step] > offsets[step + 1]) return 0;
-    return offsets[stop] <= seen && counts[TRACKS] >= 0 && counts[TRACKS] <= g->room &&
-           counts[PLACES] >= seen && counts[PLACES] <= a[FIRSTS].columns &&
-           between(whole(g, SEQUENCES), offsets[start], offsets[stop], sequences) &&
-           between(whole(g, PLACE_OF), offsets[start], offsets[stop], seen) &&
-           between(whole(g, KINDS), offsets[start], offsets[stop], g->filter.newborn->columns) &&
-           between(cell(g, SEQUENCE), 0, counts[TRACKS], sequences) &&
-           between(cell(g, AGE), 0, counts[TRACKS], INT64_MAX) &&
-           between(cell(g, MISSES), 0, counts[TRACKS], INT64_MAX);
+    return offsets[stop] <= seen && between(counts, 0, COUNTED, 0, MOST_COUNTED) &&
+           counts[TRACKS] <= g->room && counts[PLACES] >= seen &&
+           counts[PLACES] <= a[FIRSTS].columns &&
+           between(whole(g, FIRST_FRAME), 0, sequences, -MOST_COUNTED, MOST_COUNTED) &&
+           between(whole(g, SEQUENCES), offsets[start], offsets[stop], 0, sequences) &&
+           between(whole(g, PLACE_OF), offsets[start], offsets[stop], 0, seen) &&
+           between(whole(g, KINDS), offsets[start], offsets[stop], 0,
+                   g->filter.newborn->columns) &&
+           between(cell(g, AGE), 0, counts[TRACKS], 0, MOST_COUNTED) &&
+           between(cell(g, MISSES), 0, counts[TRACKS], 0, MOST_COUNTED);
 }
 
 /* The numbers of a call, after its arrays. */
 static int settings_of(PyObject *const *given, Py_ssize_t *start, Py_ssize_t *stop, Group *g) {
-    *start = PyNumber_AsSsize_t(given[0], PyExc_OverflowError);
-    *stop = PyNumber_AsSsize_t(given[1], PyExc_OverflowError);
-    g->patience = PyNumber_AsSsize_t(given[2], PyExc_OverflowError);
-    g->patience_unconfirmed = PyNumber_AsSsize_t(given[3], PyExc_OverflowError);
-    g->max_coasted = PyNumber_AsSsize_t(given[4], PyExc_OverflowError);
-    g->most = (Affordable){PyFloat_AsDouble(given[5]), PyFloat_AsDouble(given[6])};
     g->matching = given[7];
-    return !PyErr_Occurred();
+    return whole_number(given[0], start) && whole_number(given[1], stop) &&
+           whole_number(given[2], &g->patience) &&
+           whole_number(given[3], &g->patience_unconfirmed) &&
+           whole_number(given[4], &g->max_coasted) && number(given[5], &g->most.stretch) &&
+           number(given[6], &g->most.threshold);
 }
 
 /* Steps from `step` on, until there is no room; where that is. Python waits for nothing meanwhile,
@@ -257,6 +270,7 @@ static Py_ssize_t run(Group *g, Py_ssize_t step, Py_ssize_t stop) {
     while (step < stop && (end = one_step(g, step)) == DONE) step++;
     if (thread) PyEval_RestoreThread(thread);
     free(scratch);
+    memcpy(whole(g, COUNTS), g->counts, sizeof(g->counts));
     if (end == NO_MEMORY) PyErr_NoMemory();
     if (end == NO_FIT) refuse("steps: frames or pairs do not agree");
     return end == DONE || end == NO_ROOM ? step : -1;

@@ -115,7 +115,7 @@ static void settle_heading(const Tracks *t, const float *agreement) {
     for (int j = 0; j < t->n; j++) {
         float votes = vote[j] + agreement[j];
         votes = LEAST(votes, MAX_HEADING_VOTE);
-        /* By no turn or, where the vote is lost, a half turn; then wrapped to [-pi, pi). */
+        /* By no turn or, where the vote is lost, a half turn; then at most that from zero. */
         double turned = yaw[j] + (votes < 0.0f ? PI : 0.0);
         yaw[j] = turned - 2.0 * PI * whole_periods(turned + PI, 2.0 * PI);
         vote[j] = fabsf(votes);
