@@ -86,11 +86,14 @@ def end_to_end(
         "`hbbatch track` end to end, start of Python and of the workers counted",
         (
             *("sequences", "frames", "workers", "cores", "runs", "median s", "best s", "CPU s"),
+            "cores busy",
             *("frames/s", "x one worker", "x one worker on one core", "peak MB a worker"),
         ),
         rows,
         "The ways to run took turns; ratios are medians of those within a turn. One worker on "
-        "all cores reads and writes on a second core while it steps; on one core it cannot.",
+        "all cores reads and writes on a second core while it steps; on one core it cannot. "
+        "Cores busy are processor time over time: what a second worker gains where both cores keep "
+        "their pace, but for what it takes to start.",
     )
 
 
@@ -106,6 +109,7 @@ def _rows(count: int, costs: dict[_Way, list[_Cost]]) -> Iterator[tuple[str, ...
             *(f"{count:,}", f"{several[0].frames:,}", str(way.workers), way.cores_shown),
             *(str(len(several)), f"{median_s:.2f}", f"{min(c.wall_s for c in several):.2f}"),
             f"{statistics.median(c.cpu_s for c in several):.2f}",
+            f"{statistics.median(c.cpu_s / c.wall_s for c in several):.2f}",
             f"{several[0].frames / median_s:,.0f}",
             f"{_gain(costs[_ONE_WORKER], several):.2f}",
             f"{_gain(costs[_ONE_CORE], several):.2f}" if _ONE_CORE in costs else "-",

@@ -20,9 +20,9 @@ together and little is lost with one that dies."""
 MAX_PART_DETECTIONS: Final = 300_000
 """Detections stepped together: some 150 MB of arrays; as many may be read meanwhile."""
 
-_STEP_US: Final = 20
+_STEP_US: Final = 10
 _DETECTION_US: Final = 4
-_SEQUENCE_US: Final = 4_000
+_SEQUENCE_US: Final = 5_000
 
 _WORKER_US: Final = 350_000
 """From the start of a worker process to its first sequence."""
