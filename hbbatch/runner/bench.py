@@ -36,6 +36,8 @@ _STAGES = ("predict", "associate", "update", "manage")
 _PLAIN_FRAMES = 100
 CROWDS = (10, 50, 200, 1000)
 BUSY_CROWD = 200
+STEPPING_S = 4.0
+"""For so long at least each set is stepped again and again."""
 
 
 @dataclass(frozen=True)
@@ -178,10 +180,12 @@ def _multiply_adds(effort: Effort, workload: Workload) -> int:
 def _measured(group: Sequence[SequenceFrames], workload: Workload, runs: int) -> tuple[Effort, str]:
     """The median effort, and how many times the arithmetic floor: the median, too.
 
-    A core changes pace, so its rate is taken before and after each run, and the better one counts.
+    A core changes pace, so there are so many runs at least and as many as fill some seconds, its
+    rate is taken before and after each, and the better one counts.
     """
     rates, efforts = [_rate()], []
-    for _ in range(runs):
+    end = time.perf_counter() + STEPPING_S
+    while len(efforts) < runs or time.perf_counter() < end:
         efforts.append(workload.step(group))
         rates.append(_rate())
     paces = zip(efforts, map(max, rates, rates[1:]), strict=True)
@@ -191,7 +195,7 @@ def _measured(group: Sequence[SequenceFrames], workload: Workload, runs: int) ->
 
 
 def _rate() -> float:
-    return sgemm_rate(1024, 1024, 1024)
+    return sgemm_rate(1024, 1024, 1024, seconds=0.1)
 
 
 def _ways(

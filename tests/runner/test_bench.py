@@ -19,6 +19,7 @@ def test_every_table_is_measured_and_nothing_is_left_behind(
 ) -> None:
     monkeypatch.setattr(bench_module, "CROWDS", (3,))
     monkeypatch.setattr(bench_module, "BUSY_CROWD", 3)
+    monkeypatch.setattr(bench_module, "STEPPING_S", 0.0)
     dataset = make_dataset(tmp_path / "small", "a", "b")
     request = BenchRequest(
         datasets=(dataset.root,),
