@@ -183,7 +183,7 @@ def _measured(group: Sequence[SequenceFrames], workload: Workload, runs: int) ->
     A core changes pace, so there are so many runs at least and as many as fill some seconds, its
     rate is taken before and after each, and the better one counts.
     """
-    rates, efforts = [_rate()], []
+    rates, efforts = [_rate()], list[Effort]()
     end = time.perf_counter() + STEPPING_S
     while len(efforts) < runs or time.perf_counter() < end:
         efforts.append(workload.step(group))
