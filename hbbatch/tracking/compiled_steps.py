@@ -180,8 +180,7 @@ def _other_matcher(
     """Who matches, if not the kernel."""
     if association.cost == COMPILED_COST:
         return None
-    steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
-    return matcher(plan.boxes, block, association, steps)
+    return matcher(plan.boxes, block, association, plan.step_of_each())
 
 
 def _columns(count: int, height: int) -> TrackArrays:

@@ -60,7 +60,7 @@ class EagerSteps:
         self._frame_at_start = plan.first_frame - plan.first_step
         self._block = blocks(plan, kinds)
         self._most_coasted = most_coasted(settings)
-        steps = np.repeat(np.arange(plan.steps), np.diff(plan.offsets))
+        steps = plan.step_of_each()
         self._match = matcher(plan.boxes, self._block, settings.association, steps)
 
     def run(self, start: int, stop: int) -> StageSeconds:

@@ -35,14 +35,10 @@ class LockStep:
         for step, ending in enumerate(self._plan.ending):
             if not ending:
                 continue
-            self._take(self._steps.run(done, step + 1))
+            self._clock = StageSeconds.total([self._clock, self._steps.run(done, step + 1)])
             done = step + 1
             for sequence in ending:
                 yield sequence, self._finish(sequence), self._share(step, sequence)
-
-    def _take(self, spent: StageSeconds) -> None:
-        for stage, seconds in vars(spent).items():
-            setattr(self._clock, stage, getattr(self._clock, stage) + seconds)
 
     def _finish(self, sequence: int) -> SequenceTracks:
         self._steps.end(sequence)

@@ -76,7 +76,7 @@ def joined(pieces: Sequence[Piece], done: Iterable[Done]) -> Iterator[Done]:
         if len(of_sequence) == missing[sequence]:
             in_order = [of_sequence[number] for number in sorted(of_sequence)]
             tracks = _join([(pieces[number], tracks) for number, tracks, _ in in_order])
-            yield sequence, tracks, _total(seconds for _, _, seconds in in_order)
+            yield sequence, tracks, StageSeconds.total(seconds for _, _, seconds in in_order)
             del parts[sequence]
 
 
@@ -96,8 +96,3 @@ def _join(parts: Sequence[tuple[Piece, SequenceTracks]]) -> SequenceTracks:
         identities += int(tracks.track_id.max(initial=0))
     columns = zip(*(vars(tracks).values() for tracks in moved), strict=True)
     return SequenceTracks(*(np.concatenate(column) for column in columns))
-
-
-def _total(parts: Iterable[StageSeconds]) -> StageSeconds:
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
-    return StageSeconds(*(sum(column) for column in columns))

@@ -52,7 +52,7 @@ class Recorder:
         self._scores = self._by_place(plan.scores)
         self._class_codes = self._by_place(plan.class_codes)
         self.first = np.empty(self._seen, np.int64)
-        self.step = self._by_place(np.repeat(np.arange(plan.steps), np.diff(plan.offsets)))
+        self.step = self._by_place(plan.step_of_each())
         self._coasted: list[list[IntArray]] = [[] for _ in plan.first_step]
 
     def _by_place(self, column: NDArray[_Scalar]) -> NDArray[_Scalar]:

@@ -62,6 +62,10 @@ class Schedule:
         """Number of lock steps."""
         return len(self.offsets) - 1
 
+    def step_of_each(self) -> IntArray:
+        """`(n,)` step of each detection."""
+        return np.arange(self.steps).repeat(np.diff(self.offsets))
+
 
 def lane_count(group: Sequence[SequenceFrames]) -> int:
     """How many sequences to step at a time, so that steps hold `DETECTIONS_PER_STEP`."""

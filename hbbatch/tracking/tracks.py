@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final, NamedTuple
@@ -104,6 +104,12 @@ class StageSeconds:
     associate: float = 0.0
     update: float = 0.0
     manage: float = 0.0
+
+    @classmethod
+    def total(cls, parts: Iterable[StageSeconds]) -> StageSeconds:
+        """The sum of each stage, over one part at least."""
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*(sum(column) for column in columns))
 
 
 class Evidence(NamedTuple):

@@ -69,10 +69,7 @@ class Workload:
         start = perf_counter()
         plan = schedule([piece.frames for piece in cut(group, self._settings.management)])
         steps = self.ways[way](plan, self._kinds[plan.class_codes], self._settings)
-        stages = StageSeconds()
-        for _, _, share in LockStep(plan, steps).run():
-            for stage, seconds in vars(share).items():
-                setattr(stages, stage, getattr(stages, stage) + float(seconds))
+        stages = StageSeconds.total(share for _, _, share in LockStep(plan, steps).run())
         seconds = perf_counter() - start
         return Effort(seconds, stages, plan.steps, steps.predicted, steps.corrected)
 
