@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final, Literal, Self, TypeVar, cast, get_args
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
@@ -220,92 +218,6 @@ class TrackSettings(Settings):
     def digest(self) -> str:
         """Short hash of all values, equal for equal settings."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:8]
-
-
-class TrainSettings(Settings):
-    """How a learned filter is trained (paper, section III-F, with what measured better)."""
-
-    measurements: Literal["detections", "labels"] = Field(
-        "detections", description="what the filter is fed: detections matched to labels, or labels"
-    )
-    motion_model: Literal["cv", "ca", "ct"] = Field("cv", description="of the classical base")
-    learn: Literal["both", "prediction", "update"] = Field(
-        "prediction",
-        description="which part is learned; the other stays that of the classical base. A learned "
-        "update fits other sequences worse (docs/accuracy.md); the paper learns both",
-    )
-    learned_kinds: tuple[Literal["vehicle", "pedestrian", "cyclist"], ...] = Field(
-        ("vehicle",),
-        description="kinds whose motion is learned; others keep the classical base. Of few "
-        "labelled ones a network remembers them and predicts others worse (docs/accuracy.md)",
-    )
-    frames: int = Field(20, ge=3, description="length of a tracklet")
-    min_frames: int = Field(8, ge=2, description="shortest stretch of an object that is used")
-    batch: int = Field(192, ge=1, description="tracklets an iteration (paper: 128)")
-    iterations: int = Field(1000, ge=1, description="paper: 1,500")
-    learning_rate: float = Field(2e-3, gt=0, description="peak of one cycle (paper: constant 1e-3)")
-    weight_decay: float = Field(1e-4, ge=0, description="paper: 1e-5")
-    state_weight: float = Field(1.0, ge=0, description="λ1")
-    temporal_weight: float = Field(
-        0.0, ge=0, description="λ2 (paper: 1; it rewards standing still)"
-    )
-    direction_weight: float = Field(0.0, ge=0, description="λ3 (paper: 1)")
-    likelihood_weight: float = Field(
-        0.0, ge=0, description="of the truth's likelihood under the posterior covariance"
-    )
-    burst_probability: float = Field(0.5, ge=0, le=1, description="tracklets with a hidden stretch")
-    longest_burst: int = Field(8, ge=1, description="frames of a hidden stretch at most")
-    thinned_probability: float = Field(
-        0.3, ge=0, le=1, description="tracklets of which every k-th frame is kept: slower sensors"
-    )
-    longest_stride: int = Field(5, ge=1, description="k at most, drawn evenly from 1 on")
-    noise_iterations: int = Field(150, ge=1, description="of the likelihood fit of the base")
-    max_tracklets: int | None = Field(None, ge=1, description="use only so many, evenly chosen")
-    seed: int = 0
-
-    @model_validator(mode="after")
-    def _likelihood_has_something_to_teach(self) -> Self:
-        if self.likelihood_weight and self.learn == "prediction":
-            raise ValueError(
-                "likelihood_weight teaches the update, which is not learned. "
-                "Add learn: both, or leave it out"
-            )
-        return self
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """The safe loader, but of a key that is given twice the last does not silently win."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """See `yaml.composer.Composer`."""
-        node: yaml.MappingNode = super().compose_mapping_node(anchor)
-        seen: set[tuple[str, str]] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{key.value!r} is given twice", key.start_mark
-                )
-            seen.add((key.tag, str(key.value)))
-        return node
-
-
-def load_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file, safely loaded.
-
-    Raises:
-        ConfigError: the file is missing, no YAML, or no mapping, or gives a key twice.
-    """
-    try:
-        content = yaml.load(path.read_text(), Loader=_UniqueKeys)  # noqa: S506 - it is a safe one
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}). Check the path.") from error
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigError(f"{path}: not valid YAML ({' '.join(str(error).split())}).") from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: holds a {type(content).__name__}, expected a mapping of keys.")
-    return content
 
 
 def validate(model: type[_Model], content: dict[str, Any], what: str) -> _Model:

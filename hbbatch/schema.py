@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from hbbatch.errors import DatasetError
@@ -202,7 +201,7 @@ def conform(table: pa.Table, schema: pa.Schema, what: str) -> pa.Table:
 
 def _conform_column(column: pa.ChunkedArray, field: pa.Field, what: str) -> pa.ChunkedArray:
     try:
-        column = column if column.type == field.type else pc.cast(column, field.type)
+        column = column if column.type == field.type else column.cast(field.type)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise DatasetError(
             f"{what}: column {field.name!r} is {column.type}, expected {field.type} ({error})."

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-import yaml
 from pydantic import Field
 
 from hbbatch.config import (
@@ -13,8 +10,6 @@ from hbbatch.config import (
     OutputSettings,
     Settings,
     TrackSettings,
-    TrainSettings,
-    load_yaml,
     validate,
 )
 from hbbatch.errors import ConfigError
@@ -86,13 +81,6 @@ def test_a_strong_score_must_exceed_a_typical_one() -> None:
     assert "strong must exceed typical" in fault(TrackSettings, {"output": {"score_scale": scale}})
 
 
-def test_a_likelihood_needs_an_update_that_learns_from_it() -> None:
-    with pytest.raises(ConfigError, match="likelihood_weight teaches the update"):
-        validate(TrainSettings, {"likelihood_weight": 0.03}, "mine.yaml")
-    content = {"likelihood_weight": 0.03, "learn": "both"}
-    assert validate(TrainSettings, content, "mine.yaml").likelihood_weight
-
-
 @pytest.mark.parametrize(("typical", "strong"), [(0.5, 4.0), (-1.0, 0.9), (0.9995, 0.9999)])
 def test_probabilities_as_scores_must_lie_where_their_logits_differ(
     typical: float, strong: float
@@ -120,37 +108,6 @@ def test_the_threshold_is_that_of_the_cost_unless_given() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("[1]", "holds a list"),
-        ("a: [", "not valid YAML"),
-        ("!!python/object/apply:os.getcwd []", "not valid YAML"),
-        ("filter: kalman\nfilter: hybrid", "not valid YAML .'filter' is given twice"),
-        ("a: !!map foo", "not valid YAML"),
-        ("output: {min_score: 1, min_score: 2}", "not valid YAML .'min_score' is given twice"),
-    ],
-)
-def test_yaml_that_is_no_mapping_is_refused(tmp_path: Path, text: str, expected: str) -> None:
-    path = tmp_path / "c.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=rf"c\.yaml: {expected}"):
-        load_yaml(path)
-
-
-def test_a_key_that_replaces_a_merged_one_is_given_once(tmp_path: Path) -> None:
-    path = tmp_path / "c.yaml"
-    text = "base: &base {a: 1}\nmid: &mid {<<: *base, a: 2}\n<<: *mid\n1: x\n'1': y\n"
-    path.write_text(text)
-    assert load_yaml(path) == yaml.safe_load(text)
-
-
-def test_an_empty_file_holds_no_settings(tmp_path: Path) -> None:
-    path = tmp_path / "c.yaml"
-    path.touch()
-    assert load_yaml(path) == {}
-
-
-@pytest.mark.parametrize(
     "content",
     [
         {"classes": []},
@@ -161,10 +118,3 @@ def test_an_empty_file_holds_no_settings(tmp_path: Path) -> None:
 def test_settings_that_cannot_be_meant_are_refused(content: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=r"^c\.yaml: (classes|management\.max_misses): "):
         validate(TrackSettings, content, "c.yaml")
-
-
-def test_yaml_beyond_all_depth_is_no_yaml(tmp_path: Path) -> None:
-    path = tmp_path / "deep.yaml"
-    path.write_text("[" * 3000)
-    with pytest.raises(ConfigError, match="not valid YAML"):
-        load_yaml(path)

@@ -29,7 +29,7 @@ def calibrate(
     """
     from hbbatch.errors import UsageError
     from hbbatch.runner.calibrate import calibrate as find
-    from hbbatch.runner.track import resolve_settings
+    from hbbatch.runner.track_settings import resolve_settings
 
     if config is not None and config.resolve() == out.resolve():
         raise UsageError(

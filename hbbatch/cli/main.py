@@ -5,9 +5,10 @@ Nothing heavy is imported here or at the top of a command's module, so `--help` 
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -76,14 +77,26 @@ def _root(
         os.environ[TRACEBACK_VARIABLE] = "1"
 
 
-def use_small_pages() -> None:
-    """Have numpy, once it is loaded, ask for no huge pages: here and in processes started here.
+_ENVIRONMENT: Final = {
+    # numpy's arrays live for a block of a log or a part of the sequences, and for each the system
+    # would clear pages of 2 MB as a whole: in a virtual machine that was up to half of an ingest's
+    # time (docs/performance_ingest.md).
+    "NUMPY_MADVISE_HUGEPAGE": "0",
+    # It multiplies small matrices only. Other threads would wait for work in a busy loop at first,
+    # on the core that a worker loads its modules on.
+    "OPENBLAS_NUM_THREADS": "1",
+    # Looking for plugins reads the metadata of all that is installed.
+    "PYDANTIC_DISABLE_PLUGINS": "__all__",
+}
 
-    Its arrays live for a block of a log or a part of the sequences, and for each the system would
-    clear pages of 2 MB as a whole: in a virtual machine that was up to half of an ingest's time
-    (docs/performance_ingest.md). What the environment says already stays.
+
+def prepare_libraries() -> None:
+    """Tell numpy and pydantic, before they load, what suits batches: here and in processes to come.
+
+    What the environment says already stays.
     """
-    os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
+    for name, value in _ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
 
 
 def main() -> None:
@@ -91,13 +104,16 @@ def main() -> None:
 
     Usage errors (2), Ctrl-C (130) and a reader that leaves are typer's to handle.
     """
-    use_small_pages()
+    prepare_libraries()
     try:
         app()
     except HbbatchError as error:
         _fail(str(error), error.exit_status)
     except Exception as error:  # noqa: BLE001 - the user is told of a defect in one line
         _fail(report_defect(error), ExitStatus.FAILED)
+    finally:
+        # Python looks for garbage among all objects at its end, for a tenth of a second.
+        gc.freeze()
 
 
 def _fail(message: str, status: int) -> None:

@@ -65,8 +65,9 @@ def track(
     }
     # It loads what a worker needs while this process loads the rest.
     with started_ahead(workers) as standby:
-        from hbbatch.runner.track import TrackRequest, resolve_settings
+        from hbbatch.runner.track import TrackRequest
         from hbbatch.runner.track import track as run_track
+        from hbbatch.runner.track_settings import resolve_settings
 
         request = TrackRequest(
             dataset=dataset,

@@ -50,8 +50,10 @@ def train(
     as_json: JsonOption = False,
 ) -> None:
     """Train a filter on labelled sequences."""
-    from hbbatch.config import TrainSettings, load_yaml, validate
+    from hbbatch.config import validate
+    from hbbatch.model.train_settings import TrainSettings
     from hbbatch.runner.train import train as run_training
+    from hbbatch.yaml_files import load_yaml
 
     content: dict[str, Any] = load_yaml(config) if config else {}
     given = {

@@ -8,7 +8,6 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from hbbatch.config import TrainSettings
 from hbbatch.model.calibration import BURN_IN_FRAMES, CovarianceFilter, variances
 from hbbatch.model.filters import innovation
 from hbbatch.model.hybrid import HybridFilter
@@ -19,6 +18,7 @@ from hbbatch.model.losses import (
     state_loss,
     temporal_loss,
 )
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.unroll import Step, unroll
 from hbbatch.model.windows import Windows, WindowSet
 

@@ -26,9 +26,10 @@ from hbbatch.errors import HbbatchError
 from hbbatch.packed.kernels import AVAILABLE
 from hbbatch.runner.bench_end_to_end import end_to_end, start_up, two_at_once
 from hbbatch.runner.bench_report import Table
+from hbbatch.runner.orders import LoadedTracker, Order, load_tracker
 from hbbatch.runner.plan import job_of
 from hbbatch.runner.timing import peak_rss_mb
-from hbbatch.runner.worker import LoadedTracker, Order, load_tracker, track_group
+from hbbatch.runner.worker import track_group
 from hbbatch.tracking.frames import SequenceFrames, sequence_frames
 from hbbatch.tracking.workload import Effort, Way, Workload, copy_rate, sgemm_rate
 

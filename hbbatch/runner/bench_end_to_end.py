@@ -165,7 +165,7 @@ def _kept_to(cores: int | None) -> Iterator[None]:
 
 _START: Final = """
 from hbbatch.config import TrackSettings
-from hbbatch.runner.executors import ProcessExecutor
+from hbbatch.runner.worker import work
 from hbbatch.tracking.engine import Tracker
 Tracker(TrackSettings(), "cpu")
 """

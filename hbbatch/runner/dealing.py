@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from hbbatch.tracking.schedule import DETECTIONS_PER_STEP
+from hbbatch.tracking.lanes import DETECTIONS_PER_STEP
 
 MAX_GROUP_DETECTIONS: Final = 1_200_000
 """Detections handed to a worker at a time: some seven seconds of work, so that workers end

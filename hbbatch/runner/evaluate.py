@@ -25,7 +25,7 @@ from hbbatch.model.weights_files import read_header, weights_path
 from hbbatch.projection import Camera
 from hbbatch.runner.class_names import recorded_names
 from hbbatch.runner.manifest import read_manifest
-from hbbatch.runner.plan import read_status
+from hbbatch.runner.status import read_status
 
 
 @dataclass(frozen=True)

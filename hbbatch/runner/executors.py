@@ -11,8 +11,8 @@ from typing import Protocol
 
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.dealing import Group
-from hbbatch.runner.processes import Standby, WorkerProcess, keep_to_a_core
-from hbbatch.runner.worker import LoadedTracker, Order, Outcome, track_group
+from hbbatch.runner.orders import Order, Outcome
+from hbbatch.runner.processes import Standby, WorkerProcess
 
 
 class Executor(Protocol):
@@ -31,6 +31,9 @@ class SerialExecutor:
 
     def run(self, order: Order, groups: Sequence[Group]) -> Generator[Outcome, None, None]:
         """See `Executor.run`."""
+        # Not above: whose work is done by other processes loads nothing of it.
+        from hbbatch.runner.worker import track_group
+
         loaded = order.load_tracker(order.settings, order.device)
         for group in groups:
             yield from track_group(order, loaded, group, worker=0)
@@ -139,28 +142,3 @@ def _lost(worker: _Worker) -> Iterator[Outcome]:
     worker.pipe.close()
     for sequence_id in sorted(worker.unfinished):
         yield Outcome(sequence_id, error=f"its worker process {reason}.")
-
-
-def work(pipe: Connection) -> None:
-    """What a worker process does: an order comes in by the pipe, then groups; outcomes go out.
-
-    Raises:
-        EOFError, OSError: nobody is at the other end any more.
-    """
-    order, number, workers = pipe.recv()
-    keep_to_a_core(number, workers)
-    loaded = _load(pipe, order)
-    while loaded and (group := pipe.recv()) is not None:
-        for outcome in track_group(order, loaded, group, number):
-            pipe.send(outcome)
-        pipe.send(None)
-
-
-def _load(pipe: Connection, order: Order) -> LoadedTracker | None:
-    try:
-        return order.load_tracker(order.settings, order.device)
-    except HbbatchError as error:
-        pipe.send(error)
-    except Exception as error:  # noqa: BLE001 - the parent has to hear of it, whatever it is
-        pipe.send(HbbatchError(f"a worker cannot start ({type(error).__name__}: {error})."))
-    return None

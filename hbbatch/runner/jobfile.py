@@ -13,11 +13,13 @@ from typing import Any, Final
 
 from pydantic import Field
 
-from hbbatch.config import DeviceName, Settings, TrackSettings, load_yaml, validate
+from hbbatch.config import DeviceName, Settings, TrackSettings, validate
 from hbbatch.dataset.store import check_name
 from hbbatch.errors import ConfigError, HbbatchError
 from hbbatch.model.weights_files import open_weights
 from hbbatch.runner.class_names import normalised_classes
+from hbbatch.runner.track_settings import anchored_weights
+from hbbatch.yaml_files import load_yaml
 
 _VARIABLE: Final = re.compile(r"\$\{(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?::-(?P<default>[^}]*))?\}")
 
@@ -54,14 +56,6 @@ def load_job(path: Path) -> RelabelJob:
     if faults:
         raise ConfigError(f"{path}: {' '.join(faults)}")
     return job
-
-
-def anchored_weights(settings: TrackSettings, folder: Path) -> TrackSettings:
-    """Settings whose weights, where they are given as a relative path, lie under `folder`."""
-    weights = settings.weights
-    if weights is None or not weights.endswith(".safetensors"):
-        return settings
-    return settings.model_copy(update={"weights": str((folder / weights).resolve())})
 
 
 def _expanded(value: Any, what: str) -> Any:

@@ -14,7 +14,8 @@ from hbbatch.config import TrackSettings
 from hbbatch.dataset import Run, write_aside
 from hbbatch.dataset.store import write_json
 from hbbatch.errors import DatasetError
-from hbbatch.runner.plan import code_version, read_status
+from hbbatch.runner.plan import code_version
+from hbbatch.runner.status import read_status
 
 _PACKAGES: Final = ("numpy", "pyarrow", "scipy", "torch")
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -23,6 +22,7 @@ from hbbatch.config import TrackSettings
 from hbbatch.dataset import Run
 from hbbatch.errors import UsageError
 from hbbatch.runner.dealing import SequenceJob
+from hbbatch.runner.status import is_done, read_status
 
 _DECIDES_RESULTS: Final = (
     "tracking/*.py",
@@ -131,18 +131,3 @@ def job_of(row: dict[str, Any], key: str) -> SequenceJob:
     return SequenceJob(
         row["sequence_id"], row["source_hash"], key, row["frames"], row["detections"]
     )
-
-
-def read_status(run: Run, sequence_id: str) -> dict[str, Any]:
-    """Content of a status file; empty where there is none or it is damaged."""
-    try:
-        status = json.loads(run.status(sequence_id).read_text())
-    except (OSError, ValueError):
-        return {}
-    return status if isinstance(status, dict) else {}
-
-
-def is_done(run: Run, sequence_id: str, status: dict[str, Any]) -> bool:
-    """Whether the outputs a status file speaks of are all there."""
-    outputs = run.tracks(sequence_id), run.kitti(sequence_id)
-    return status.get("state") == "done" and all(path.is_file() for path in outputs)

@@ -6,6 +6,7 @@ both load what they need at the same time.
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -31,7 +32,7 @@ _PATIENCE_S: Final = 5.0
 
 @dataclass(frozen=True)
 class WorkerProcess:
-    """A process that runs `hbbatch.runner.executors.work` on its end of a pipe."""
+    """A process that runs `hbbatch.runner.worker.work` on its end of a pipe."""
 
     process: SpawnProcess
     pipe: Connection
@@ -166,9 +167,7 @@ def _body(pipe: Connection) -> None:
     """What the process does. Until it has loaded all it needs, SIGTERM ends it at once."""
     # numpy multiplies in one thread here; the others would wait for work in a busy loop at first.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    import hbbatch.tracking.engine  # noqa: F401 - loaded before anyone waits for it
-    from hbbatch.runner.executors import work
-
+    work = _loaded_work()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     # The parent is gone when its end of the pipe is: nobody is left to work for.
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
@@ -177,6 +176,18 @@ def _body(pipe: Connection) -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(ExitStatus.DONE)
+
+
+def _loaded_work() -> Callable[[Connection], None]:
+    """`hbbatch.runner.worker.work` with all it needs loaded, before anyone waits for it."""
+    gc.disable()
+    import hbbatch.tracking.engine  # noqa: F401 - loaded later otherwise
+    from hbbatch.runner.worker import work
+
+    # Modules stay: to look for garbage among them is a loss of time, now and for each group.
+    gc.freeze()
+    gc.enable()
+    return work
 
 
 @contextmanager

@@ -15,7 +15,8 @@ from hbbatch.errors import ExitStatus, HbbatchError, status_of
 from hbbatch.runner.evaluate import EvaluationReport, evaluate
 from hbbatch.runner.ingest import IngestReport, IngestStatus, ingest
 from hbbatch.runner.jobfile import RelabelJob
-from hbbatch.runner.plan import read_status, select
+from hbbatch.runner.plan import select
+from hbbatch.runner.status import read_status
 from hbbatch.runner.track import (
     HYBRIDTRACK,
     Engine,

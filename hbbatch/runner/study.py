@@ -21,7 +21,6 @@ from hbbatch.config import (
     ProtocolName,
     ScoreScale,
     TrackSettings,
-    TrainSettings,
 )
 from hbbatch.dataset import Dataset
 from hbbatch.errors import DatasetError
@@ -36,6 +35,7 @@ from hbbatch.evaluation.results import Scores
 from hbbatch.model.calibration import Calibration
 from hbbatch.model.horizon import FilterError
 from hbbatch.model.kinds import KIND_OF_CLASS
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.weights import build_loaded
 from hbbatch.model.weights_files import open_weights
 from hbbatch.projection import Camera

@@ -7,16 +7,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from hbbatch.config import (
-    ProtocolName,
-    Settings,
-    TrackSettings,
-    TrainSettings,
-    load_yaml,
-    validate,
-)
+from hbbatch.config import ProtocolName, Settings, TrackSettings, validate
 from hbbatch.errors import ConfigError
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.weights_files import open_weights
+from hbbatch.yaml_files import load_yaml
 
 
 class Variant(Settings):

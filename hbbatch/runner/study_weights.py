@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hbbatch import __version__
-from hbbatch.config import TrainSettings
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.runner.labelled import LabelledSequences, labelled_sequences
 from hbbatch.runner.train import train
 

@@ -12,7 +12,6 @@ from typing import Any, Final
 import pyarrow as pa
 
 from hbbatch import schema
-from hbbatch.tracking.tracks import TrackedSequence
 
 STAGES: Final = ("read", "predict", "associate", "update", "manage", "write")
 """Stages of a sequence, in order; their seconds add up to `wall_s`."""
@@ -21,28 +20,6 @@ _LINUX_STATUS: Final = Path("/proc/self/status")
 
 TimingRow = dict[str, Any]
 """One row of `schema.TIMING`."""
-
-
-def timing_row(
-    tracked: TrackedSequence, read_s: float, write_s: float, device: str, worker: int
-) -> TimingRow:
-    """The row of a sequence that was just written."""
-    seconds = {"read_s": read_s, "write_s": write_s}
-    seconds |= {f"{stage}_s": float(value) for stage, value in vars(tracked.seconds).items()}
-    wall_s = sum(seconds.values())
-    frames = tracked.frames.frame_count
-    return {
-        "sequence_id": tracked.frames.sequence_id,
-        "frames": frames,
-        "detections": len(tracked.frames.boxes),
-        "tracks": tracked.tracks.track_count,
-        **seconds,
-        "wall_s": wall_s,
-        "frames_per_s": frames / wall_s if wall_s else 0.0,
-        "device": device,
-        "worker": worker,
-        "peak_rss_mb": peak_rss_mb(),
-    }
 
 
 def peak_rss_mb() -> float:

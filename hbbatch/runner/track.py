@@ -10,27 +10,20 @@ from pathlib import Path
 from typing import Any, Final
 
 from hbbatch import schema
-from hbbatch.config import DeviceName, TrackSettings, load_yaml, validate
+from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset, Run, locked
 from hbbatch.dataset.store import write_table
 from hbbatch.errors import DatasetError, ExitStatus
 from hbbatch.model.weights_files import DEFAULT_WEIGHTS, open_weights
-from hbbatch.runner.class_names import normalised_classes
 from hbbatch.runner.dealing import Group, deal
 from hbbatch.runner.device import resolved_device
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
-from hbbatch.runner.jobfile import anchored_weights
 from hbbatch.runner.manifest import kept_if_nothing_comes, read_manifest, write_manifest
-from hbbatch.runner.plan import Plan, make_plan, read_status, recipe, select
+from hbbatch.runner.orders import LoadTracker, Order, Outcome, load_tracker
+from hbbatch.runner.plan import Plan, make_plan, recipe, select
 from hbbatch.runner.processes import Standby, available_cores
+from hbbatch.runner.status import read_status, write_status
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
-from hbbatch.runner.worker import (
-    LoadTracker,
-    Order,
-    Outcome,
-    load_tracker,
-    write_status,
-)
 
 Progress = Callable[[int, int], None]
 """Told the frames done and the frames in all, each time a sequence ends."""
@@ -176,33 +169,6 @@ class TrackReport:
             "frames_per_worker_s": self.frames_per_worker_s,
             "exit_status": int(self.exit_status),
         }
-
-
-def resolve_settings(config: Path | None, overrides: dict[str, Any]) -> TrackSettings:
-    """Settings from a YAML file, and values that replace its keys; mappings are merged.
-
-    Weights given as a relative path are relative to the file, or to the current folder where they
-    come from `overrides`.
-
-    Raises:
-        ConfigError: the file cannot be read or a value does not validate.
-    """
-    given = {name: value for name, value in overrides.items() if value is not None}
-    if config is None:
-        return normalised_classes(validate(TrackSettings, given, "options"), "options")
-    content = load_yaml(config)
-    settings = validate(TrackSettings, _merged(content, given), str(config))
-    settings = normalised_classes(settings, str(config))
-    return settings if "weights" in given else anchored_weights(settings, config.parent)
-
-
-def _merged(content: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """Content with what is given in its place, mapping by mapping."""
-    merged = content | given
-    for name, value in given.items():
-        if isinstance(value, dict) and isinstance(content.get(name), dict):
-            merged[name] = _merged(content[name], value)
-    return merged
 
 
 def default_run_name(settings: TrackSettings) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 import torch
 
 from hbbatch import __version__
-from hbbatch.config import TrainSettings
 from hbbatch.dataset import write_aside
 from hbbatch.dataset.store import write_json
 from hbbatch.errors import DatasetError, UsageError
@@ -22,6 +21,7 @@ from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.kinds import KIND_OF_CLASS, KINDS
 from hbbatch.model.likelihood import fit_noise
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.training import train_hybrid
 from hbbatch.model.weights import Filter, weights_bytes
 from hbbatch.model.weights_files import WEIGHTS_VERSION, WeightsHeader

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from multiprocessing.connection import Connection
+from typing import Final
 
 import pyarrow as pa
 
 from hbbatch import schema
-from hbbatch.config import DeviceName, TrackSettings
-from hbbatch.dataset import Dataset, Run, write_aside
-from hbbatch.dataset.atomic import write_unflushed
-from hbbatch.dataset.store import json_text, table_bytes
+from hbbatch.dataset import Dataset, write_aside
+from hbbatch.dataset.store import table_bytes
 from hbbatch.errors import HbbatchError, report_defect
 from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
-from hbbatch.runner.device import resolved_device
 from hbbatch.runner.memory import keep_freed_memory
-from hbbatch.runner.timing import TimingRow, timing_row
+from hbbatch.runner.orders import LoadedTracker, Order, Outcome
+from hbbatch.runner.processes import keep_to_a_core
+from hbbatch.runner.status import remove_status, write_status
+from hbbatch.runner.timing import TimingRow, peak_rss_mb
 from hbbatch.sinks.kitti import kitti_result
 from hbbatch.tracking.frames import (
     DETECTION_COLUMNS,
@@ -38,59 +39,29 @@ _STORERS: Final = 3
 """Threads that put files on the disk, which is nearly all waiting for it."""
 
 
-class BatchTracker(Protocol):
-    """The part of `tracking.engine.Tracker` that a worker uses."""
-
-    class_names: tuple[str, ...]
-
-    def track(self, group: Sequence[SequenceFrames]) -> Iterator[TrackedSequence]:
-        """Step all sequences of a group together; each is yielded when it is done."""
-
-
-@dataclass(frozen=True)
-class LoadedTracker:
-    """A tracker and the device it is on (cpu or cuda)."""
-
-    tracker: BatchTracker
-    device: str
-
-
-LoadTracker = Callable[[TrackSettings, DeviceName], LoadedTracker]
-
-
-@dataclass(frozen=True)
-class Order:
-    """What every worker of a run is told; small and picklable, heavy things are made from it."""
-
-    dataset: Dataset
-    run: Run
-    settings: TrackSettings
-    device: DeviceName
-    load_tracker: LoadTracker
-    recipe: str = ""
-    """What the status files say that outputs were made with (`plan.recipe`)."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a sequence: a timing row when it is done, an error when it failed."""
-
-    sequence_id: str
-    timing: TimingRow | None = None
-    error: str | None = None
-
-
-def load_tracker(settings: TrackSettings, device: DeviceName) -> LoadedTracker:
-    """The tracker on a device.
+def work(pipe: Connection) -> None:
+    """What a worker process does: an order comes in by the pipe, then groups; outcomes go out.
 
     Raises:
-        UsageError: cuda is asked for and there is none.
-        WeightsError: the weights are missing, damaged or of another version.
+        EOFError, OSError: nobody is at the other end any more.
     """
-    from hbbatch.tracking.engine import Tracker
+    order, number, workers = pipe.recv()
+    keep_to_a_core(number, workers)
+    loaded = _load(pipe, order)
+    while loaded and (group := pipe.recv()) is not None:
+        for outcome in track_group(order, loaded, group, number):
+            pipe.send(outcome)
+        pipe.send(None)
 
-    resolved = resolved_device(device)
-    return LoadedTracker(Tracker(settings, resolved), resolved)
+
+def _load(pipe: Connection, order: Order) -> LoadedTracker | None:
+    try:
+        return order.load_tracker(order.settings, order.device)
+    except HbbatchError as error:
+        pipe.send(error)
+    except Exception as error:  # noqa: BLE001 - the parent has to hear of it, whatever it is
+        pipe.send(HbbatchError(f"a worker cannot start ({type(error).__name__}: {error})."))
+    return None
 
 
 def track_group(
@@ -244,7 +215,7 @@ def _store(desk: _Desk, reading: _Reading, encoded: _Encoded) -> TimingRow:
     with write_aside(run.kitti(job.sequence_id)) as aside:
         aside.write_bytes(encoded.text)
     write_s = encoded.seconds + time.perf_counter() - started
-    timing = timing_row(encoded.tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
+    timing = _timing_row(encoded.tracked, reading.seconds, write_s, desk.loaded.device, desk.worker)
     done = {"state": "done", "key": job.key, "recipe": desk.order.recipe, "timing": timing}
     write_status(run, job.sequence_id, done)
     return timing
@@ -257,30 +228,28 @@ def _camera(dataset: Dataset, sequence_id: str) -> Camera | None:
     return Camera.from_calibration(calibration, str(dataset.calibration_path(sequence_id)))
 
 
-def write_status(run: Run, sequence_id: str, status: dict[str, Any]) -> None:
-    """Say in the run's folder what became of a sequence.
-
-    The disk is not waited for: a sequence whose status was lost is tracked again.
-    """
-    with write_unflushed(run.status(sequence_id)) as aside:
-        aside.write_text(json_text({"sequence_id": sequence_id, **status}))
-
-
-def remove_status(run: Run, sequence_id: str) -> None:
-    """Take back what was said of a sequence.
-
-    Raises:
-        HbbatchError: the folder cannot be written.
-    """
-    try:
-        run.status(sequence_id).unlink(missing_ok=True)
-    except OSError as error:
-        raise HbbatchError(
-            f"{run.status(sequence_id)}: cannot be replaced ({error.strerror}). "
-            "Check the folder's permissions."
-        ) from error
-
-
 def _failure(job: SequenceJob, error: Exception) -> Outcome:
     text = str(error) if isinstance(error, HbbatchError) else report_defect(error)
     return Outcome(job.sequence_id, error=" ".join(text.split()))
+
+
+def _timing_row(
+    tracked: TrackedSequence, read_s: float, write_s: float, device: str, worker: int
+) -> TimingRow:
+    """The row of a sequence that was just written."""
+    seconds = {"read_s": read_s, "write_s": write_s}
+    seconds |= {f"{stage}_s": float(value) for stage, value in vars(tracked.seconds).items()}
+    wall_s = sum(seconds.values())
+    frames = tracked.frames.frame_count
+    return {
+        "sequence_id": tracked.frames.sequence_id,
+        "frames": frames,
+        "detections": len(tracked.frames.boxes),
+        "tracks": tracked.tracks.track_count,
+        **seconds,
+        "wall_s": wall_s,
+        "frames_per_s": frames / wall_s if wall_s else 0.0,
+        "device": device,
+        "worker": worker,
+        "peak_rss_mb": peak_rss_mb(),
+    }

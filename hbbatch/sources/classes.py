@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from hbbatch.config import Settings, load_yaml, validate
+from hbbatch.config import Settings, validate
 
 UNKNOWN: Final = "unknown"
 DONT_CARE: Final = "dont_care"
@@ -86,6 +86,8 @@ def load_taxonomy(path: Path | None) -> Taxonomy:
     """
     if path is None:
         return _TABLE
+    from hbbatch.yaml_files import load_yaml
+
     return Taxonomy(validate(_ClassesFile, load_yaml(path), str(path)).classes)
 
 

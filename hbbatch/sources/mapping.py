@@ -28,7 +28,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from hbbatch.config import Settings, load_yaml, validate
+from hbbatch.config import Settings, validate
 from hbbatch.sources.messages import DETECTION_MESSAGES, ReadDetections, normalise_type
 from hbbatch.sources.messages.base import (
     NAN,
@@ -40,6 +40,7 @@ from hbbatch.sources.messages.base import (
     xyz,
     xyzw,
 )
+from hbbatch.yaml_files import load_yaml
 
 _Three = str | tuple[str, str, str]
 

@@ -14,7 +14,6 @@ from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
@@ -73,6 +72,8 @@ def confidence(
 @cache
 def shipped_weights(protocol: ProtocolName) -> Mapping[str, KindConfidence]:
     """The weights in the package, by kind of road user; read once a process."""
+    import yaml  # not before it is needed: most runs judge no box
+
     content: Mapping[str, Any] = yaml.safe_load((files(__package__) / SHIPPED).read_text())
     kinds: Mapping[str, Any] = content["output"]["confidence"][protocol]
     return {kind: KindConfidence.model_validate(values) for kind, values in kinds.items()}

@@ -16,10 +16,7 @@ from numpy.typing import NDArray
 
 from hbbatch.boxes import FloatArray
 from hbbatch.tracking.frames import IntArray, SequenceFrames
-
-DETECTIONS_PER_STEP = 1000
-"""Where a lock step's cost is its rows and no longer the number of its operations, while the rows
-still fit a core's cache (docs/performance.md)."""
+from hbbatch.tracking.lanes import lane_count
 
 DEFAULT_DT_S = 0.1
 """Step assumed where a sequence's clock does not advance."""
@@ -67,20 +64,14 @@ class Schedule:
         return np.arange(self.steps).repeat(np.diff(self.offsets))
 
 
-def lane_count(group: Sequence[SequenceFrames]) -> int:
-    """How many sequences to step at a time, so that steps hold `DETECTIONS_PER_STEP`."""
-    frames = sum(sequence.frame_count for sequence in group)
-    detections = sum(len(sequence.scores) for sequence in group)
-    return max(1, round(DETECTIONS_PER_STEP * frames / max(detections, 1)))
-
-
 def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Schedule:
     """The timetable of a group over at most `lanes` sequences at a time.
 
     By default their number is chosen by `lane_count`.
     """
-    lanes = lane_count(group) if lanes is None else lanes
     frame_counts = [frames.frame_count for frames in group]
+    counts = [len(frames.scores) for frames in group]
+    lanes = lane_count(sum(frame_counts), sum(counts)) if lanes is None else lanes
     first_step = _first_steps(frame_counts, lanes)
     last_step = [
         int(first) + frames.frame_count - 1 for first, frames in zip(first_step, group, strict=True)
@@ -96,7 +87,6 @@ def schedule(group: Sequence[SequenceFrames], lanes: int | None = None) -> Sched
             for first, frames in zip(first_step, group, strict=True)
         ]
     )
-    counts = [len(frames.scores) for frames in group]
     sequence = np.repeat(np.arange(len(group)), counts)
     order = np.argsort(step_of, kind="stable")
     return Schedule(

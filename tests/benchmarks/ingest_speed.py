@@ -26,7 +26,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from hbbatch.cli.main import use_small_pages
+from hbbatch.cli.main import prepare_libraries
 from hbbatch.runner.bench_report import Table, as_markdown
 from hbbatch.runner.ingest import ingest
 from hbbatch.runner.pages import bench_page
@@ -257,7 +257,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     if asked.markdown:
         bench_page(asked.markdown).check()
-    use_small_pages()  # in all processes that are measured, as the command line does
+    prepare_libraries()  # in all processes that are measured, as the command line does
     with tempfile.TemporaryDirectory() as folder:
         path = write_detections(Path(folder) / "drive.mcap", asked.messages)
         tables = [speed_table(path, asked.rounds, asked.slow_rounds)]

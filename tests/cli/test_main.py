@@ -32,16 +32,23 @@ def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return status
 
 
-@pytest.mark.parametrize(("before", "after"), [(None, "0"), ("1", "1")])
-def test_numpy_is_to_use_small_pages_unless_the_user_says_otherwise(
-    monkeypatch: pytest.MonkeyPatch, before: str | None, after: str
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("NUMPY_MADVISE_HUGEPAGE", "0"),
+        ("OPENBLAS_NUM_THREADS", "1"),
+        ("PYDANTIC_DISABLE_PLUGINS", "__all__"),
+    ],
+)
+def test_libraries_are_told_what_suits_batches_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: str
 ) -> None:
-    name = "NUMPY_MADVISE_HUGEPAGE"
-    monkeypatch.setenv(name, before or "")
-    if before is None:
-        monkeypatch.delenv(name)
-    main_module.use_small_pages()
-    assert os.environ[name] == after
+    monkeypatch.setenv(name, "7")
+    main_module.prepare_libraries()
+    assert os.environ[name] == "7"
+    monkeypatch.delenv(name)
+    main_module.prepare_libraries()
+    assert os.environ[name] == value
 
 
 def test_the_version_is_printed() -> None:

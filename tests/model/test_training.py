@@ -7,13 +7,13 @@ import math
 import pytest
 import torch
 
-from hbbatch.config import TrainSettings
 from hbbatch.model.horizon import EVERY_FRAME, SLOWER, filter_errors
 from hbbatch.model.hybrid import HybridFilter
 from hbbatch.model.kalman import KalmanFilter
 from hbbatch.model.kinds import KINDS
 from hbbatch.model.likelihood import fit_noise
 from hbbatch.model.losses import box_error, direction_loss, temporal_loss
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.training import augment, batch_losses, strides, total_loss, train_hybrid
 from tests.model.moving import simulated
 

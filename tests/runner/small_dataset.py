@@ -18,8 +18,8 @@ from hbbatch.config import DeviceName, TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import write_json, write_table
 from hbbatch.errors import WeightsError
+from hbbatch.runner.orders import LoadedTracker
 from hbbatch.runner.track import Engine
-from hbbatch.runner.worker import LoadedTracker
 from hbbatch.tracking.frames import SequenceFrames
 from hbbatch.tracking.tracks import SequenceTracks, TrackedSequence
 

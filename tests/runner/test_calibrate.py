@@ -12,7 +12,8 @@ from hbbatch.config import TrackSettings, validate
 from hbbatch.errors import DatasetError, UsageError
 from hbbatch.runner.calibrate import calibrate
 from hbbatch.runner.evaluate import evaluate
-from hbbatch.runner.track import TrackRequest, resolve_settings, track
+from hbbatch.runner.track import TrackRequest, track
+from hbbatch.runner.track_settings import resolve_settings
 from tests.runner.small_dataset import make_dataset
 from tests.tracking.real_drives import few_drives, real_dataset
 

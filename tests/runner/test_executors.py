@@ -14,8 +14,8 @@ from hbbatch.dataset import Dataset
 from hbbatch.errors import HbbatchError, WeightsError
 from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor, _Worker
+from hbbatch.runner.orders import LoadTracker, Order, Outcome
 from hbbatch.runner.processes import Standby, WorkerProcess
-from hbbatch.runner.worker import LoadTracker, Order, Outcome
 from tests.runner.small_dataset import (
     load_breaks,
     load_echo,

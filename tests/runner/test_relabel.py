@@ -12,9 +12,9 @@ from hbbatch.config import TrackSettings
 from hbbatch.dataset import Dataset
 from hbbatch.errors import ExitStatus
 from hbbatch.runner.jobfile import RelabelJob, SourceJob
+from hbbatch.runner.orders import LoadTracker
 from hbbatch.runner.relabel import RelabelReport, relabel
 from hbbatch.runner.track import HYBRIDTRACK, Engine
-from hbbatch.runner.worker import LoadTracker
 from tests import logs
 from tests.runner.kitti_folder import copy_sequences
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hbbatch.config import TrainSettings
 from hbbatch.dataset import Dataset
 from hbbatch.errors import UsageError
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.runner.simulate import SimulatedDrive, simulate
 from hbbatch.runner.train import train
 

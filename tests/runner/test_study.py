@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hbbatch.config import TrainSettings
 from hbbatch.errors import ConfigError, DatasetError, WeightsError
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.runner.study import run_study
 from hbbatch.runner.study_file import load_study
 from hbbatch.runner.study_tables import markdown

@@ -15,8 +15,8 @@ from safetensors.numpy import save_file
 
 from hbbatch.config import FilterName, TrackSettings
 from hbbatch.dataset import Dataset, Run, locked
-from hbbatch.errors import ConfigError, DatasetError, ExitStatus, UsageError, WeightsError
-from hbbatch.runner import plan
+from hbbatch.errors import DatasetError, ExitStatus, UsageError, WeightsError
+from hbbatch.runner import status
 from hbbatch.runner.ingest import ingest
 from hbbatch.runner.manifest import read_manifest
 from hbbatch.runner.track import (
@@ -24,7 +24,6 @@ from hbbatch.runner.track import (
     TrackReport,
     TrackRequest,
     default_run_name,
-    resolve_settings,
     track,
 )
 from tests.runner.kitti_folder import copy_sequences
@@ -82,13 +81,13 @@ def test_timing_is_read_back_only_of_what_was_tracked_before(
 
     def spy(run: Run, sequence_id: str) -> dict[str, Any]:
         read.append(sequence_id)
-        return plan.read_status(run, sequence_id)
+        return status.read_status(run, sequence_id)
 
     monkeypatch.setattr("hbbatch.runner.track.read_status", spy)
     run_track(dataset, "b")
     assert read == ["a", "c"]
     rows = pq.read_table(run.timing).to_pylist()
-    assert rows == [plan.read_status(run, i)["timing"] for i in "ab"]
+    assert rows == [status.read_status(run, i)["timing"] for i in "ab"]
 
 
 def test_a_changed_sequence_is_redone(tmp_path: Path) -> None:
@@ -230,32 +229,6 @@ def test_weights_of_another_version_are_named(tmp_path: Path) -> None:
     save_file({"x": np.zeros(1)}, weights, {"hbbatch": header})
     with pytest.raises(WeightsError, match=r"w\.safetensors: weights of version 99"):
         HYBRIDTRACK.weights_hash(TrackSettings(weights=str(weights)))
-
-
-def test_options_win_over_the_config_file(tmp_path: Path) -> None:
-    config = tmp_path / "c.yaml"
-    config.write_text("filter: kalman\nmin_score: 0.5\noutput: {protocol: online}\n")
-    settings = resolve_settings(config, {"min_score": 0.7, "classes": None})
-    assert (settings.filter, settings.min_score) == ("kalman", 0.7)
-    assert settings.output.protocol == "online"
-    gap_filled = resolve_settings(config, {"output": {"protocol": "gap_filled"}})
-    assert gap_filled.output.protocol == "gap_filled"
-    config.write_text("output: {protocol: online, min_detections: 3}\n")
-    assert resolve_settings(config, {"output": {"max_coasted": 2}}).output.min_detections == 3
-
-
-def test_weights_of_a_config_file_lie_beside_it(tmp_path: Path) -> None:
-    config = tmp_path / "c.yaml"
-    config.write_text("weights: mine.safetensors\n")
-    assert resolve_settings(config, {}).weights == str(tmp_path / "mine.safetensors")
-    assert resolve_settings(config, {"weights": "x.safetensors"}).weights == "x.safetensors"
-
-
-def test_a_config_file_with_an_unknown_key_is_refused(tmp_path: Path) -> None:
-    config = tmp_path / "c.yaml"
-    config.write_text("fliter: kalman\n")
-    with pytest.raises(ConfigError, match=r"c\.yaml: fliter"):
-        resolve_settings(config, {})
 
 
 @pytest.mark.usefixtures("kernels")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hbbatch.config import TrainSettings
 from hbbatch.errors import DatasetError, UsageError
+from hbbatch.model.train_settings import TrainSettings
 from hbbatch.model.weights import load_filter
 from hbbatch.runner.train import train
 from tests.runner.small_dataset import make_dataset

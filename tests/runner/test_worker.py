@@ -16,7 +16,8 @@ from hbbatch.dataset import Dataset, Run
 from hbbatch.dataset.store import table_into, write_json
 from hbbatch.runner import worker
 from hbbatch.runner.dealing import Group, SequenceJob
-from hbbatch.runner.worker import Order, Outcome, track_group
+from hbbatch.runner.orders import Order, Outcome
+from hbbatch.runner.worker import track_group
 from tests.runner.small_dataset import load_echo, make_dataset, write_sequence
 
 SETTINGS = TrackSettings()
