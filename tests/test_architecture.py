@@ -59,15 +59,14 @@ def test_help_imports_nothing_heavy(command: list[str]) -> None:
     assert loaded_after(code) <= {"pydantic"}
 
 
-def test_a_worker_is_started_before_anything_heavy_is_imported() -> None:
-    """Both processes then load at the same time."""
-    assert loaded_after("from hbbatch.runner.processes import started_ahead") == set()
+def test_what_workers_need_is_loaded_while_the_command_loads_its_own() -> None:
+    assert loaded_after("from hbbatch.runner.processes import load_ahead") == set()
     code = (
         "from hbbatch.cli.track import track\n"
         "from hbbatch.runner import processes\n"
-        "def started_ahead(workers):\n"
+        "def load_ahead(workers):\n"
         "    raise SystemExit(0 if workers == 3 else 1)\n"
-        "processes.started_ahead = started_ahead\n"
+        "processes.load_ahead = load_ahead\n"
         "try:\n"
         "    track(workers=3)\n"
         "except SystemExit as end:\n"
@@ -76,10 +75,13 @@ def test_a_worker_is_started_before_anything_heavy_is_imported() -> None:
     assert loaded_after(code) <= {"pydantic"}
 
 
-def test_planning_a_run_needs_no_torch() -> None:
+def test_planning_a_run_needs_nothing_of_what_workers_do() -> None:
     """So that a command that finds nothing to do answers soon."""
-    code = "import sys, hbbatch.runner.track, hbbatch.runner.jobfile; print('torch' in sys.modules)"
-    assert python(code).strip() == "False"
+    code = (
+        "import sys, hbbatch.runner.track, hbbatch.runner.track_settings\n"
+        "print({'torch', 'yaml', 'pyarrow.compute', 'hbbatch.runner.worker'} & sys.modules.keys())"
+    )
+    assert python(code).strip() == "set()"
 
 
 @pytest.mark.parametrize("device", ["auto", "cpu"])

@@ -54,7 +54,7 @@ def track(
 ) -> None:
     """Track sequences; those whose tracks are up to date are left alone."""
     from hbbatch.cli.output import complain, print_json, progress_bar
-    from hbbatch.runner.processes import started_ahead
+    from hbbatch.runner.processes import load_ahead
 
     overrides = {
         "filter": filter_name and filter_name.value,
@@ -63,27 +63,26 @@ def track(
         "min_score": min_score,
         "output": protocol and {"protocol": protocol.value},
     }
-    # It loads what a worker needs while this process loads the rest.
-    with started_ahead(workers) as standby:
-        from hbbatch.runner.track import TrackRequest
-        from hbbatch.runner.track import track as run_track
-        from hbbatch.runner.track_settings import resolve_settings
+    load_ahead(workers)
+    from hbbatch.runner.track import TrackRequest
+    from hbbatch.runner.track import track as run_track
+    from hbbatch.runner.track_settings import resolve_settings
 
-        request = TrackRequest(
-            dataset=dataset,
-            settings=resolve_settings(config, overrides),
-            sequence_ids=tuple(sequence_id or ()),
-            run=run,
-            device=device.value,
-            workers=workers,
-            command=" ".join(["hbbatch", *sys.argv[1:]]),
-        )
-        try:
-            with progress_bar("Tracking", "frames") as progress:
-                report = run_track(request, progress, standby=standby)
-        except KeyboardInterrupt:
-            complain("interrupted: sequences that had ended are kept, the same command goes on")
-            raise
+    request = TrackRequest(
+        dataset=dataset,
+        settings=resolve_settings(config, overrides),
+        sequence_ids=tuple(sequence_id or ()),
+        run=run,
+        device=device.value,
+        workers=workers,
+        command=" ".join(["hbbatch", *sys.argv[1:]]),
+    )
+    try:
+        with progress_bar("Tracking", "frames") as progress:
+            report = run_track(request, progress)
+    except KeyboardInterrupt:
+        complain("interrupted: sequences that had ended are kept, the same command goes on")
+        raise
     if as_json:
         print_json(report.to_json())
     else:

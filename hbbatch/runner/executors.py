@@ -12,7 +12,7 @@ from typing import Protocol
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.dealing import Group
 from hbbatch.runner.orders import Order, Outcome
-from hbbatch.runner.processes import Standby, WorkerProcess
+from hbbatch.runner.processes import Cores, WorkerProcess, cores_for
 
 
 class Executor(Protocol):
@@ -46,15 +46,9 @@ class ProcessExecutor:
     failed, and a fresh worker goes on with the groups that are left.
     """
 
-    def __init__(self, workers: int, standby: Standby | None = None) -> None:
-        """Start no process yet.
-
-        Args:
-            workers: processes at most.
-            standby: where they come from.
-        """
+    def __init__(self, workers: int) -> None:
+        """Start no process yet, and no more than `workers` later."""
         self._workers = workers
-        self._standby = standby or Standby()
 
     def run(self, order: Order, groups: Sequence[Group]) -> Generator[Outcome, None, None]:
         """See `Executor.run`."""
@@ -63,7 +57,7 @@ class ProcessExecutor:
         try:
             while queue or crew:
                 for worker in self._hired(crew, len(queue)):
-                    worker.hire(order, self._workers)
+                    worker.hire(order, cores_for(worker.number, self._workers))
                     worker.give(queue)
                 for pipe in wait(list(crew)):
                     yield from _hear(crew, queue, crew[pipe])  # type: ignore[index]
@@ -78,7 +72,7 @@ class ProcessExecutor:
         """
         hired: list[_Worker] = []
         while len(hired) < groups and len(crew) < self._workers:
-            worker = _Worker(_free_number(crew), self._standby.take())
+            worker = _Worker(_free_number(crew), WorkerProcess.start())
             crew[worker.pipe] = worker
             hired.append(worker)
         return hired
@@ -97,9 +91,9 @@ class _Worker:
         """This end of it."""
         return self.process.pipe
 
-    def hire(self, order: Order, workers: int) -> None:
-        """Say what all its work is about, and how many share it."""
-        self._send((order, self.number, workers))
+    def hire(self, order: Order, cores: Cores) -> None:
+        """Say what all its work is about, and where to do it."""
+        self._send((order, self.number, cores))
 
     def give(self, queue: deque[Group]) -> None:
         """Hand over the next group, or None where none is left."""

@@ -1,7 +1,7 @@
 """Worker processes as their parent sees them: started, told by a pipe what to do, and stopped.
 
-Nothing heavy is imported here: a process can be started before its parent has loaded anything, and
-both load what they need at the same time.
+Nothing heavy is imported here: what workers need can be loaded while their parent still loads what
+it needs itself.
 """
 
 from __future__ import annotations
@@ -15,17 +15,21 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from functools import cache
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from multiprocessing.context import ForkServerContext, SpawnContext
+from multiprocessing.process import BaseProcess
 from typing import Final, TypeVar
 
 from hbbatch.errors import ExitStatus
 
-_SPAWN: Final = multiprocessing.get_context("spawn")
 _INTERRUPTED: Final = 128 + signal.SIGINT
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
+_NEEDED: Final = ["hbbatch.runner.worker", "hbbatch.tracking.engine"]
+"""Modules of a worker."""
+
 _PATIENCE_S: Final = 5.0
 """How long a worker may take to stop when asked to."""
 
@@ -34,15 +38,16 @@ _PATIENCE_S: Final = 5.0
 class WorkerProcess:
     """A process that runs `hbbatch.runner.worker.work` on its end of a pipe."""
 
-    process: SpawnProcess
+    process: BaseProcess
     pipe: Connection
 
     @classmethod
     def start(cls) -> WorkerProcess:
-        """A new one, which loads its modules while this call returns."""
-        ours, theirs = _SPAWN.Pipe()
-        process = _SPAWN.Process(target=_body, args=(theirs,), daemon=True)
-        with interrupts_blocked():
+        """A new one."""
+        context = _context()
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_body, args=(theirs,), daemon=True)
+        with _as_workers_begin():
             process.start()
         # Only the child may hold its end, so that its death reads as the end of the pipe.
         theirs.close()
@@ -68,46 +73,30 @@ class WorkerProcess:
         return f"ended with status {status}"
 
 
-class Standby:
-    """Where worker processes come from: one may be started already, others start when taken."""
-
-    def __init__(self, ahead: WorkerProcess | None = None) -> None:
-        self._ahead = ahead
-
-    @property
-    def waits(self) -> bool:
-        """Whether a process that was started ahead has nothing to do yet."""
-        return self._ahead is not None
-
-    def take(self) -> WorkerProcess:
-        """A process that is the caller's to stop."""
-        ahead, self._ahead = self._ahead, None
-        if ahead is not None and ahead.process.is_alive():
-            return ahead
-        return WorkerProcess.start()
-
-    def close(self) -> None:
-        """Stop what nobody took."""
-        if self._ahead is not None:
-            self._ahead.stop()
-            self._ahead = None
-
-
-@contextmanager
-def started_ahead(workers: int | None) -> Iterator[Standby]:
-    """One process started before it is known what it will do, unless the work stays in this one.
-
-    No more than one, however many will be wanted: there may be little to do, or nothing.
+def load_ahead(workers: int | None) -> None:
+    """Have what workers need loaded while this process does something else.
 
     Args:
-        workers: how many were asked for; None for one a core.
+        workers: how many were asked for; None for one a core. One alone does without processes.
     """
-    wanted = workers or available_cores()
-    standby = Standby(WorkerProcess.start() if wanted > 1 else None)
-    try:
-        yield standby
-    finally:
-        standby.close()
+    if (workers or available_cores()) > 1:
+        _context()
+
+
+@cache
+def _context() -> ForkServerContext | SpawnContext:
+    """How processes are made: forked by a server that loads what they need once, on Linux.
+
+    Libraries of other systems do not outlive a fork (Accelerate). There, and where the server
+    cannot be reached (no folder for its socket), each process loads its modules itself.
+    """
+    if sys.platform == "linux":
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(_NEEDED)
+        with suppress(OSError), _as_workers_begin():
+            forkserver.ensure_running()
+            return context
+    return multiprocessing.get_context("spawn")
 
 
 def available_cores() -> int:
@@ -117,22 +106,31 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def keep_to_a_core(number: int, workers: int) -> None:
-    """Where workers leave no core free, keep this one and the threads it will start to one core.
+Cores = frozenset[int]
 
-    Threads of a worker take turns at the interpreter. On one core that costs little; where turns
-    may go to any, the threads of two workers push each other from core to core, and the same work
-    takes a tenth longer (docs/performance.md). Where there are more cores, threads may use them.
+
+def cores_for(number: int, workers: int) -> Cores:
+    """The cores that a worker is to use; empty where the system does not keep it to any.
+
+    Where workers leave no core free, each keeps to one. Threads of a worker take turns at the
+    interpreter. On one core that costs little; where turns may go to any, the threads of two
+    workers push each other from core to core, and the same work takes a tenth longer
+    (docs/performance.md). Where there are more cores, threads may use them.
 
     Args:
-        number: of this worker, from 0.
+        number: of the worker, from 0.
         workers: how many there are.
     """
-    if not hasattr(os, "sched_setaffinity"):
-        return
+    if not hasattr(os, "sched_getaffinity"):
+        return frozenset()
     cores = sorted(os.sched_getaffinity(0))
-    if workers >= len(cores):
-        os.sched_setaffinity(0, {cores[number % len(cores)]})
+    return frozenset([cores[number % len(cores)]] if workers >= len(cores) else cores)
+
+
+def keep_to(cores: Cores) -> None:
+    """Keep this process and the threads it will start to some cores, if any are named."""
+    if cores:
+        os.sched_setaffinity(0, cores)
 
 
 def begin_in_pool() -> None:
@@ -165,9 +163,11 @@ def _end_after(sentinel: int) -> None:
 
 def _body(pipe: Connection) -> None:
     """What the process does. Until it has loaded all it needs, SIGTERM ends it at once."""
-    # numpy multiplies in one thread here; the others would wait for work in a busy loop at first.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    work = _loaded_work()
+    import hbbatch.tracking.engine  # noqa: F401 - loaded before anyone waits for it
+    from hbbatch.runner.worker import work
+
+    # What is loaded stays: to look for garbage there would take time with each group.
+    gc.freeze()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     # The parent is gone when its end of the pipe is: nobody is left to work for.
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
@@ -178,16 +178,26 @@ def _body(pipe: Connection) -> None:
     os._exit(ExitStatus.DONE)
 
 
-def _loaded_work() -> Callable[[Connection], None]:
-    """`hbbatch.runner.worker.work` with all it needs loaded, before anyone waits for it."""
-    gc.disable()
-    import hbbatch.tracking.engine  # noqa: F401 - loaded later otherwise
-    from hbbatch.runner.worker import work
+_ENVIRONMENT: Final = {
+    # numpy multiplies in one thread; others would wait for work in a busy loop at first.
+    "OPENBLAS_NUM_THREADS": "1",
+    # An allocator of Arrow's that is not used keeps a thread all the same.
+    "JE_ARROW_MALLOC_CONF": "background_thread:false",
+}
+"""With which workers begin: a process that has no threads can be forked without a thought."""
 
-    # Modules stay: to look for garbage among them is a loss of time, now and for each group.
-    gc.freeze()
-    gc.enable()
-    return work
+
+@contextmanager
+def _as_workers_begin() -> Iterator[None]:
+    """Processes started inside do not see Ctrl-C, and libraries start no threads in them."""
+    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    os.environ.update(_ENVIRONMENT)
+    try:
+        with interrupts_blocked():
+            yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 @contextmanager

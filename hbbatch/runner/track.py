@@ -21,7 +21,7 @@ from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor
 from hbbatch.runner.manifest import kept_if_nothing_comes, read_manifest, write_manifest
 from hbbatch.runner.orders import LoadTracker, Order, Outcome, load_tracker
 from hbbatch.runner.plan import Plan, make_plan, recipe, select
-from hbbatch.runner.processes import Standby, available_cores
+from hbbatch.runner.processes import available_cores
 from hbbatch.runner.status import read_status, write_status
 from hbbatch.runner.timing import TimingRow, stage_seconds, timing_table
 
@@ -39,7 +39,7 @@ class TrackRequest:
         sequence_ids: which sequences; all where none is named.
         run: name of the run; by default made from the settings.
         device: where to compute.
-        workers: worker processes at most; by default one a core.
+        workers: worker processes at most, by default one a core; one is this process itself.
         command: how this was asked for, kept in run.json.
     """
 
@@ -180,7 +180,6 @@ def track(
     request: TrackRequest,
     progress: Progress | None = None,
     engine: Engine = HYBRIDTRACK,
-    standby: Standby | None = None,
 ) -> TrackReport:
     """Track what is not up to date, and write tracks, result files, timing and manifest.
 
@@ -190,8 +189,6 @@ def track(
         request: what to track and how.
         progress: is told how far it is.
         engine: the tracker.
-        standby: where worker processes come from; with one that was started ahead, work that does
-            not divide is its, and not this process's.
 
     Raises:
         UsageError: an unknown sequence, a bad run name, a device that is not there.
@@ -207,8 +204,9 @@ def track(
     made_before = read_manifest(run).get("recipe")
     weights = engine.weights_hash(request.settings)
     plan = make_plan(rows, run, request.settings, weights)
-    groups = deal(plan.to_do, request.workers or available_cores())
-    workers = min(request.workers or available_cores(), len(groups))
+    asked = request.workers or available_cores()
+    groups = deal(plan.to_do, asked)
+    workers = min(asked, len(groups))
     made_with = recipe(request.settings, weights)
     outcomes: list[Outcome] = []
     if plan.to_do or made_before != made_with:
@@ -216,7 +214,7 @@ def track(
         environment = {"command": request.command, "device": request.device}
         resolved = engine.resolved(request.settings)
         order = Order(dataset, run, request.settings, device, engine.load_tracker, recipe=made_with)
-        executor = _executor(workers, standby or Standby())
+        executor: Executor = SerialExecutor() if asked == 1 else ProcessExecutor(workers)
         # Two runs at once would vouch for each other's outputs.
         with locked(run.root, wait=False):
             ids = [job.sequence_id for job in plan.to_do]
@@ -228,12 +226,6 @@ def track(
                 write_manifest(run, resolved, made_with, weights, inputs, environment)
     wall_s = time.perf_counter() - started
     return _report(run, rows, plan, outcomes, _Effort(wall_s, workers))
-
-
-def _executor(workers: int, standby: Standby) -> Executor:
-    if workers == 1 and not standby.waits:
-        return SerialExecutor()
-    return ProcessExecutor(workers, standby)
 
 
 def _devices(outcomes: Sequence[Outcome]) -> str:

@@ -20,7 +20,7 @@ from hbbatch.projection import Camera
 from hbbatch.runner.dealing import MAX_PART_DETECTIONS, Group, SequenceJob, bounded
 from hbbatch.runner.memory import keep_freed_memory
 from hbbatch.runner.orders import LoadedTracker, Order, Outcome
-from hbbatch.runner.processes import keep_to_a_core
+from hbbatch.runner.processes import keep_to
 from hbbatch.runner.status import remove_status, write_status
 from hbbatch.runner.timing import TimingRow, peak_rss_mb
 from hbbatch.sinks.kitti import kitti_result
@@ -45,8 +45,8 @@ def work(pipe: Connection) -> None:
     Raises:
         EOFError, OSError: nobody is at the other end any more.
     """
-    order, number, workers = pipe.recv()
-    keep_to_a_core(number, workers)
+    order, number, cores = pipe.recv()
+    keep_to(cores)
     loaded = _load(pipe, order)
     while loaded and (group := pipe.recv()) is not None:
         for outcome in track_group(order, loaded, group, number):

@@ -15,7 +15,7 @@ from hbbatch.errors import HbbatchError, WeightsError
 from hbbatch.runner.dealing import Group, SequenceJob
 from hbbatch.runner.executors import Executor, ProcessExecutor, SerialExecutor, _Worker
 from hbbatch.runner.orders import LoadTracker, Order, Outcome
-from hbbatch.runner.processes import Standby, WorkerProcess
+from hbbatch.runner.processes import Cores, WorkerProcess
 from tests.runner.small_dataset import (
     load_breaks,
     load_echo,
@@ -64,21 +64,21 @@ def test_all_workers_are_started_before_one_is_told_anything(
 ) -> None:
     """One that is loading does not listen yet, and what does not fit its pipe would hold up all."""
     events = []
-    take, hire = Standby.take, _Worker.hire
+    start, hire = WorkerProcess.start, _Worker.hire
 
-    def taken(standby: Standby) -> WorkerProcess:
-        events.append("taken")
-        return take(standby)
+    def started() -> WorkerProcess:
+        events.append("started")
+        return start()
 
-    def hired(worker: _Worker, order: Order, workers: int) -> None:
+    def hired(worker: _Worker, order: Order, cores: Cores) -> None:
         events.append("hired")
-        hire(worker, order, workers)
+        hire(worker, order, cores)
 
-    monkeypatch.setattr(Standby, "take", taken)
+    monkeypatch.setattr(WorkerProcess, "start", started)
     monkeypatch.setattr(_Worker, "hire", hired)
     dataset = make_dataset(tmp_path, "a", "b")
     list(ProcessExecutor(2).run(order(dataset), [group("a"), group("b")]))
-    assert events == ["taken", "taken", "hired", "hired"]
+    assert events == ["started", "started", "hired", "hired"]
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Worker processes: started ahead, taken, told to stop, and left alone by Ctrl-C."""
+"""Worker processes: loaded ahead, told to stop, and left alone by Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,67 +12,122 @@ from pathlib import Path
 import pytest
 
 from hbbatch.config import TrackSettings
-from hbbatch.runner.processes import Standby, WorkerProcess, started_ahead
+from hbbatch.runner.processes import WorkerProcess, cores_for
 from hbbatch.runner.track import TrackRequest, track
 from tests.runner.small_dataset import ECHO, make_dataset
 
 
 @pytest.fixture
-def ahead() -> Iterator[WorkerProcess]:
+def worker() -> Iterator[WorkerProcess]:
     process = WorkerProcess.start()
     yield process
     process.stop()
 
 
-def test_a_process_that_was_started_ahead_is_taken_once(ahead: WorkerProcess) -> None:
-    standby = Standby(ahead)
-    assert standby.waits
-    assert standby.take() is ahead
-    assert not standby.waits
-    other = standby.take()
-    other.stop()
-    assert other is not ahead
-    standby.close()
-    assert ahead.process.is_alive()
+def test_a_process_that_is_told_to_stop_is_gone(worker: WorkerProcess) -> None:
+    worker.stop()
+    assert not worker.process.is_alive()
 
 
-def test_a_process_that_has_died_meanwhile_is_replaced(ahead: WorkerProcess) -> None:
-    ahead.process.kill()
-    ahead.process.join()
-    other = Standby(ahead).take()
-    assert other.process.is_alive()
-    other.stop()
+LOADED_AHEAD = """
+import sys, time
+from hbbatch.runner.processes import WorkerProcess, load_ahead
+
+class Said:
+    def __reduce__(self):
+        return said, ()
+
+def said():
+    loaded = "hbbatch.tracking.engine" in sys.modules
+    raise SystemExit(7 if loaded else 8)
+
+if __name__ == "__main__":
+    load_ahead(workers=2)
+    process = WorkerProcess.start()
+    process.process.join(0)
+    process.pipe.send(Said())
+    process.process.join()
+    here = "hbbatch.tracking.engine" in sys.modules
+    print(process.process.exitcode, here, type(process.process).__name__)
+"""
 
 
-def test_what_nobody_took_is_stopped() -> None:
-    with started_ahead(workers=2) as standby:
-        process = standby._ahead
-    assert process is not None
-    assert process.process.exitcode is not None
+def test_a_worker_has_loaded_what_it_needs_before_it_is_told_anything(tmp_path: Path) -> None:
+    """And its parent has not."""
+    assert run_fresh(tmp_path, LOADED_AHEAD).startswith("7 False ")
 
 
-def test_nothing_is_started_ahead_for_one_worker(monkeypatch: pytest.MonkeyPatch) -> None:
-    with started_ahead(workers=1) as standby:
-        assert not standby.waits
-    monkeypatch.setattr("hbbatch.runner.processes.available_cores", lambda: 1)
-    with started_ahead(workers=None) as standby:
-        assert not standby.waits
+FORKED = """
+import os
+from pathlib import Path
+from hbbatch.runner.processes import WorkerProcess, load_ahead
+
+if __name__ == "__main__":
+    load_ahead(workers=2)
+    processes = [WorkerProcess.start(), WorkerProcess.start()]
+    stat = [Path(f"/proc/{p.process.pid}/stat").read_text().rsplit(")", 1)[1] for p in processes]
+    [server] = {int(line.split()[1]) for line in stat}
+    print(server == os.getpid(), len(os.listdir(f"/proc/{server}/task")))
+    for process in processes:
+        process.stop()
+"""
 
 
-def test_work_that_does_not_divide_goes_to_the_process_started_ahead(tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
+def test_workers_are_forked_by_a_process_of_one_thread(tmp_path: Path) -> None:
+    """Whatever holds a lock in another thread would hold it for ever in what is forked."""
+    assert run_fresh(tmp_path, FORKED) == "False 1"
+
+
+def test_where_there_is_no_folder_for_a_socket_workers_start_all_the_same(tmp_path: Path) -> None:
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    assert run_fresh(tmp_path, LOADED_AHEAD, TMPDIR=str(deep)) == "7 False SpawnProcess"
+
+
+LEFT_ALONE = """
+from multiprocessing import active_children
+from hbbatch.runner import processes
+
+processes.available_cores = lambda: CORES
+if __name__ == "__main__":
+    processes.load_ahead(WORKERS)
+    print(processes._context.cache_info().currsize)
+"""
+
+
+@pytest.mark.parametrize(
+    ("workers", "cores", "loads"), [(1, 8, "0"), (None, 1, "0"), (2, 1, "1"), (None, 8, "1")]
+)
+def test_nothing_is_loaded_ahead_for_one_worker(
+    tmp_path: Path, workers: int | None, cores: int, loads: str
+) -> None:
+    code = LEFT_ALONE.replace("CORES", str(cores)).replace("WORKERS", str(workers))
+    assert run_fresh(tmp_path, code) == loads
+
+
+def test_work_that_does_not_divide_is_another_process_s(tmp_path: Path) -> None:
+    """In this one, nobody would be left to say what killed it."""
     make_dataset(tmp_path, "a", "kills")
-    with started_ahead(workers=2) as standby:
-        report = track(TrackRequest(tmp_path, TrackSettings()), engine=ECHO, standby=standby)
-        assert not standby.waits
-    # In this process, nobody would be left to say so.
+    report = track(TrackRequest(tmp_path, TrackSettings(), workers=2), engine=ECHO)
     assert "was killed" in report.failed["kills"]
     assert report.workers == 1
 
 
-def test_a_process_ends_when_nobody_is_left_to_work_for(ahead: WorkerProcess) -> None:
-    ahead.pipe.close()
-    ahead.process.join()
-    assert ahead.process.exitcode == 0
+def test_workers_keep_to_a_core_each_where_they_leave_none_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5, 7}, raising=False)
+    assert [cores_for(number, 3) for number in range(4)] == [{2}, {5}, {7}, {2}]
+    assert cores_for(1, 2) == {2, 5, 7}
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert cores_for(1, 2) == frozenset()
+
+
+def test_a_process_ends_when_nobody_is_left_to_work_for(worker: WorkerProcess) -> None:
+    worker.pipe.close()
+    worker.process.join()
+    assert worker.process.exitcode == 0
 
 
 INTERRUPTED = """
@@ -88,11 +143,11 @@ if __name__ == "__main__":
 """
 
 
-def run_fresh(folder: Path, code: str) -> str:
+def run_fresh(folder: Path, code: str, **variables: str) -> str:
     """What a script says in a process of its own, without a word of error."""
     script = folder / "parent.py"
     script.write_text(code)
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), **variables}
     command = [sys.executable, str(script)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert done.stderr == ""
