@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -31,6 +30,7 @@ from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import read_table
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.bench_report import Table
+from hbbatch.runner.measured import measured
 from hbbatch.runner.repeated import repeated_dataset
 from hbbatch.tracking.workload import copy_rate, sgemm_rate
 
@@ -129,24 +129,14 @@ def _run(dataset: Dataset, name: str, settings: TrackSettings, way: _Way) -> _Co
     if settings.weights is not None:
         arguments += ["--weights", settings.weights]
     os.sync()  # what earlier runs wrote is not this one's to wait for
-    before_s, start = _children_cpu_s(), time.perf_counter()
     with _kept_to(way.cores):
-        done = subprocess.run(  # noqa: S603 - our own command line
-            [sys.executable, "-m", "hbbatch", *arguments], capture_output=True, text=True
-        )
-    wall_s = time.perf_counter() - start
-    if done.returncode not in (0, 3):
-        raise HbbatchError(f"hbbatch track ended with {done.returncode}: {done.stderr.strip()}")
+        done = measured([sys.executable, "-m", "hbbatch", *arguments])
+    if done.status not in (0, 3):
+        raise HbbatchError(f"hbbatch track ended with {done.status}: {done.stderr.strip()}")
     timing = read_table(dataset.run(name).timing, schema.TIMING, "timing table of the run")
     peak = max(timing["peak_rss_mb"].to_pylist(), default=0.0)
     frames = int(json.loads(done.stdout)["frames"])
-    return _Cost(wall_s, _children_cpu_s() - before_s, frames, peak)
-
-
-def _children_cpu_s() -> float:
-    """Of all child processes that have ended, and theirs."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    return _Cost(done.wall_s, done.cpu_s, frames, peak)
 
 
 @contextmanager

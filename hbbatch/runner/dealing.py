@@ -24,13 +24,13 @@ _STEP_US: Final = 10
 _DETECTION_US: Final = 4
 _SEQUENCE_US: Final = 5_000
 
-_WORKER_US: Final = 350_000
-"""From the start of a worker process to its first sequence."""
+_WORKER_US: Final = 30_000
+"""From the start of a worker process, forked from one that has loaded all, to its first sequence."""
 
 _REST: Final = 0.2
 """Part of the work that is kept for who is free first: more than prices err between groups."""
 
-_LEAST_REST_US: Final = 260_000
+_LEAST_REST_US: Final = 130_000
 """What is handed out last at least: workers end so far apart, and smaller groups waste steps."""
 
 _WORTH: Final = 1.05

@@ -35,9 +35,9 @@ def peak_rss_mb() -> float:
 
 
 def timing_table(rows: Iterable[TimingRow]) -> pa.Table:
-    """Rows as a table of `schema.TIMING`, sorted by sequence."""
+    """Rows as a table of `schema.TIMING`, texts coded, sorted by sequence."""
     ordered = sorted(rows, key=lambda row: str(row["sequence_id"]))
-    return pa.Table.from_pylist(ordered, schema=schema.TIMING)
+    return pa.Table.from_pylist(ordered, schema=schema.coded(schema.TIMING))
 
 
 def stage_seconds(rows: Sequence[TimingRow]) -> dict[str, float]:
