@@ -25,7 +25,7 @@ _DETECTION_US: Final = 4
 _SEQUENCE_US: Final = 5_000
 
 _WORKER_US: Final = 30_000
-"""From the start of a worker process, forked from one that has loaded all, to its first sequence."""
+"""From the start of a worker, forked from a process that has loaded all, to its first sequence."""
 
 _REST: Final = 0.2
 """Part of the work that is kept for who is free first: more than prices err between groups."""
