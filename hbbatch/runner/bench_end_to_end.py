@@ -15,7 +15,6 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -30,26 +29,42 @@ from hbbatch.dataset import Dataset
 from hbbatch.dataset.store import read_table
 from hbbatch.errors import HbbatchError
 from hbbatch.runner.bench_report import Table
-from hbbatch.runner.measured import measured
+from hbbatch.runner.measured import Command, measured
 from hbbatch.runner.repeated import repeated_dataset
 from hbbatch.tracking.workload import copy_rate, sgemm_rate
 
 
 @dataclass(frozen=True)
 class _Way:
-    """A way to run the command: worker processes, and cores it is kept to (None: all)."""
+    """A way to do the work.
+
+    Attributes:
+        workers: worker processes of a command.
+        cores: that a command is kept to (None: all).
+        commands: at once, each with its part of the sequences and cores of its own.
+    """
 
     workers: int
     cores: int | None
+    commands: int = 1
 
     @property
     def cores_shown(self) -> str:
         return "all" if self.cores is None else str(self.cores)
 
+    def cores_of(self, number: int) -> list[int] | None:
+        """The cores of one of the commands."""
+        if self.cores is None or not hasattr(os, "sched_getaffinity"):
+            return None
+        there = sorted(os.sched_getaffinity(0))
+        return there[number * self.cores :][: self.cores] or there[: self.cores]
+
 
 _ONE_CORE: Final = _Way(1, 1)
 _ONE_WORKER: Final = _Way(1, None)
 _TWO_WORKERS: Final = _Way(2, 2)
+_TWO_COMMANDS: Final = _Way(1, 1, commands=2)
+"""Two processes that have nothing to do with each other: what this machine gives two at best."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +92,7 @@ def end_to_end(
     with tempfile.TemporaryDirectory(prefix="hbbatch-bench-") as folder:
         for count in sequences if sources else ():
             dataset = repeated_dataset(sources, Path(folder) / str(count), count)
-            costs: dict[_Way, list[_Cost]] = {way: [] for way in _ways()}
+            costs: dict[_Way, list[_Cost]] = {way: [] for way in _ways(count)}
             for turn in range(runs):
                 for number, way in enumerate(costs):
                     costs[way].append(_run(dataset, f"{turn}-{number}", settings, way))
@@ -85,29 +100,33 @@ def end_to_end(
     return Table(
         "`hbbatch track` end to end, start of Python and of the workers counted",
         (
-            *("sequences", "frames", "workers", "cores", "runs", "median s", "best s", "CPU s"),
-            "cores busy",
+            *("sequences", "frames", "commands", "workers", "cores", "runs"),
+            *("median s", "best s", "CPU s", "cores busy"),
             *("frames/s", "x one worker", "x one worker on one core", "peak MB a worker"),
         ),
         rows,
         "The ways to run took turns; ratios are medians of those within a turn. One worker on "
         "all cores reads and writes on a second core while it steps; on one core it cannot. "
-        "Cores busy are processor time over time: what a second worker gains where both cores keep "
-        "their pace, but for what it takes to start.",
+        "Two commands at once share nothing but the machine, each with half of the sequences and a "
+        "core of its own: what two workers can gain at best. Cores busy are processor time over "
+        "time.",
     )
 
 
-def _ways() -> list[_Way]:
+def _ways(sequences: int) -> list[_Way]:
     ways = [_ONE_WORKER, _TWO_WORKERS]
-    return [_ONE_CORE, *ways] if hasattr(os, "sched_setaffinity") else ways
+    if not hasattr(os, "sched_setaffinity"):
+        return ways
+    return [_ONE_CORE, *ways, *([_TWO_COMMANDS] if sequences > 1 else [])]
 
 
 def _rows(count: int, costs: dict[_Way, list[_Cost]]) -> Iterator[tuple[str, ...]]:
     for way, several in costs.items():
         median_s = statistics.median(c.wall_s for c in several)
         yield (
-            *(f"{count:,}", f"{several[0].frames:,}", str(way.workers), way.cores_shown),
-            *(str(len(several)), f"{median_s:.2f}", f"{min(c.wall_s for c in several):.2f}"),
+            *(f"{count:,}", f"{several[0].frames:,}", str(way.commands)),
+            *(str(way.workers), way.cores_shown, str(len(several))),
+            *(f"{median_s:.2f}", f"{min(c.wall_s for c in several):.2f}"),
             f"{statistics.median(c.cpu_s for c in several):.2f}",
             f"{statistics.median(c.cpu_s / c.wall_s for c in several):.2f}",
             f"{several[0].frames / median_s:,.0f}",
@@ -124,33 +143,35 @@ def _gain(before: Sequence[_Cost], after: Sequence[_Cost]) -> float:
 
 
 def _run(dataset: Dataset, name: str, settings: TrackSettings, way: _Way) -> _Cost:
-    arguments = ["track", "--dataset", str(dataset.root), "--workers", str(way.workers)]
-    arguments += ["--run", name, "--filter", settings.filter, "--device", "cpu", "--json"]
-    if settings.weights is not None:
-        arguments += ["--weights", settings.weights]
+    ids = dataset.sequence_ids()
+    runs = [f"{name}-{number}" for number in range(way.commands)]
+    commands = []
+    for number, run in enumerate(runs):
+        part = ids[number :: way.commands] if way.commands > 1 else []
+        line = _command_line(dataset, run, settings, way.workers)
+        commands.append(Command([*line, *part], way.cores_of(number)))
     os.sync()  # what earlier runs wrote is not this one's to wait for
-    with _kept_to(way.cores):
-        done = measured([sys.executable, "-m", "hbbatch", *arguments])
-    if done.status not in (0, 3):
-        raise HbbatchError(f"hbbatch track ended with {done.status}: {done.stderr.strip()}")
-    timing = read_table(dataset.run(name).timing, schema.TIMING, "timing table of the run")
-    peak = max(timing["peak_rss_mb"].to_pylist(), default=0.0)
-    frames = int(json.loads(done.stdout)["frames"])
+    done = measured(commands)
+    for ended in done.ended:
+        if ended.returncode not in (0, 3):
+            raise HbbatchError(
+                f"hbbatch track ended with {ended.returncode}: {ended.stderr.strip()}"
+            )
+    frames = sum(int(json.loads(ended.stdout)["frames"]) for ended in done.ended)
+    peak = max(_peak_rss_mb(dataset, run) for run in runs)
     return _Cost(done.wall_s, done.cpu_s, frames, peak)
 
 
-@contextmanager
-def _kept_to(cores: int | None) -> Iterator[None]:
-    """Processes started inside run on so many cores only, where the system can do that."""
-    if cores is None or not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, sorted(before)[:cores])
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
+def _command_line(dataset: Dataset, run: str, settings: TrackSettings, workers: int) -> list[str]:
+    line = [sys.executable, "-m", "hbbatch", "track", "--dataset", str(dataset.root)]
+    line += ["--workers", str(workers), "--run", run, "--filter", settings.filter]
+    line += ["--device", "cpu", "--json"]
+    return line if settings.weights is None else [*line, "--weights", settings.weights]
+
+
+def _peak_rss_mb(dataset: Dataset, run: str) -> float:
+    timing = read_table(dataset.run(run).timing, schema.TIMING, "timing table of the run")
+    return max(timing["peak_rss_mb"].to_pylist(), default=0.0)
 
 
 _START: Final = """

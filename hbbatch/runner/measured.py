@@ -1,4 +1,4 @@
-"""A command measured from outside: how long it took, and the processor time of all it started."""
+"""Commands measured from outside: how long they take, and processor time of all they start."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,36 +22,65 @@ _OWN_TASKS: Final = Path("/proc/self/task")
 
 @dataclass(frozen=True)
 class Measured:
-    """What came of a command.
+    """What came of commands that ran at once.
 
     Attributes:
-        status: its exit status.
-        stdout, stderr: what it said.
-        wall_s: from its start to its end.
-        cpu_s: processor time of it and of the processes it started, those that end after it, too.
+        ended: what each said, and its exit status.
+        wall_s: from the start of the first to the end of the last.
+        cpu_s: processor time of them and of the processes they started, those that end later, too.
     """
 
-    status: int
-    stdout: str
-    stderr: str
+    ended: list[subprocess.CompletedProcess[str]]
     wall_s: float
     cpu_s: float
 
 
-def measured(command: Sequence[str]) -> Measured:
-    """Run a command to its end."""
+@dataclass(frozen=True)
+class Command:
+    """A command line, and the cores that it may run on (None: all)."""
+
+    arguments: Sequence[str]
+    cores: Collection[int] | None = None
+
+
+def measured(commands: Sequence[Command]) -> Measured:
+    """Run commands at once, to the end of all."""
     before, before_s = _children(), _children_cpu_s()
     with _orphans_adopted():
         start = time.perf_counter()
-        done = subprocess.run(  # noqa: S603 - our own command lines
-            command, capture_output=True, text=True
-        )
+        running = [_started(command) for command in commands]
+        ended = [_ended(process) for process in running]
         wall_s = time.perf_counter() - start
         # The process that forks workers notices only then that nobody needs it any more.
         for orphan in _children() - before:
             os.waitpid(orphan, 0)
-    cpu_s = _children_cpu_s() - before_s
-    return Measured(done.returncode, done.stdout, done.stderr, wall_s, cpu_s)
+    return Measured(ended, wall_s, _children_cpu_s() - before_s)
+
+
+def _started(command: Command) -> subprocess.Popen[str]:
+    with _kept_to(command.cores):
+        return subprocess.Popen(  # noqa: S603 - our own command lines
+            command.arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+
+def _ended(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
+    stdout, stderr = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, stdout, stderr)
+
+
+@contextmanager
+def _kept_to(cores: Collection[int] | None) -> Iterator[None]:
+    """Processes started inside run on some cores only, where the system can do that."""
+    if cores is None or not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import pytest
 
 from hbbatch.config import TrackSettings
 from hbbatch.errors import HbbatchError
-from hbbatch.runner.bench_end_to_end import _kept_to, end_to_end
+from hbbatch.runner.bench_end_to_end import end_to_end
 from tests.runner.small_dataset import make_dataset
 
 SETTINGS = TrackSettings(filter="kalman")
@@ -18,11 +18,11 @@ SETTINGS = TrackSettings(filter="kalman")
 def test_each_number_of_sequences_is_run_in_every_way(tmp_path: Path) -> None:
     dataset = make_dataset(tmp_path / "small", "a", "b")
     table = end_to_end([dataset.root], [2, 3], SETTINGS, runs=1)
-    ways = [("1", "all"), ("2", "2")]
+    ways = [("1", "1", "all"), ("1", "2", "2")]
     if hasattr(os, "sched_setaffinity"):
-        ways = [("1", "1"), *ways]
+        ways = [("1", "1", "1"), *ways, ("2", "1", "1")]
     found = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-    assert [(row["workers"], row["cores"]) for row in found] == ways * 2
+    assert [(row["commands"], row["workers"], row["cores"]) for row in found] == ways * 2
     assert [row["sequences"] for row in found] == ["2"] * len(ways) + ["3"] * len(ways)
     frames = dataset.catalog()["frames"][0].as_py()
     assert {row["frames"] for row in found} == {f"{2 * frames}", f"{3 * frames}"}
@@ -37,11 +37,3 @@ def test_a_command_that_fails_says_why(tmp_path: Path) -> None:
     dataset = make_dataset(tmp_path / "small", "a")
     with pytest.raises(HbbatchError, match="nosuch"):
         end_to_end([dataset.root], [1], TrackSettings(weights="nosuch"), runs=1)
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system cannot pin")
-def test_cores_are_given_back() -> None:
-    before = os.sched_getaffinity(0)
-    with _kept_to(1):
-        assert os.sched_getaffinity(0) == {min(before)}
-    assert os.sched_getaffinity(0) == before
