@@ -6,9 +6,12 @@ Nothing heavy is imported here or at the top of a command's module, so `--help` 
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
+import signal
 import sys
-from typing import Annotated, Final
+from types import FrameType
+from typing import Annotated, Final, NoReturn
 
 import typer
 
@@ -99,12 +102,21 @@ def prepare_libraries() -> None:
         os.environ.setdefault(name, value)
 
 
+def _end(signal_number: int, _frame: FrameType | None) -> NoReturn:
+    """What a scheduler asks for ends as Ctrl-C does, which a terminal tells all processes of."""
+    for child in multiprocessing.active_children():
+        if child.pid is not None:
+            os.kill(child.pid, signal.SIGINT)
+    sys.exit(128 + signal_number)
+
+
 def main() -> None:
     """Run the command line: an error is one line on stderr and an exit status.
 
     Usage errors (2), Ctrl-C (130) and a reader that leaves are typer's to handle.
     """
     prepare_libraries()
+    signal.signal(signal.SIGTERM, _end)
     try:
         app()
     except HbbatchError as error:

@@ -80,7 +80,7 @@ def track(
     try:
         with progress_bar("Tracking", "frames") as progress:
             report = run_track(request, progress)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         complain("interrupted: sequences that had ended are kept, the same command goes on")
         raise
     if as_json:

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -121,8 +121,23 @@ def _interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+def interrupt(process: subprocess.Popen[str]) -> None:
+    """As a terminal does: the whole process group."""
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def terminate(process: subprocess.Popen[str]) -> None:
+    """As a scheduler does: the command alone."""
+    process.terminate()
+
+
 @pytest.mark.usefixtures("_interruptible")
-def test_ctrl_c_ends_quietly_with_130_and_leaves_no_half_written_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("end", "status"), [(interrupt, 130), (terminate, 143)])
+def test_a_run_that_is_ended_leaves_nothing_half_written_and_no_word_but_one(
+    tmp_path: Path, end: Callable[[subprocess.Popen[str]], None], status: int
+) -> None:
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
     make_dataset(tmp_path, "a", "b", "c", frames=30_000)
     arguments = ["track", "-d", str(tmp_path), "--filter", "kalman", "--workers", "2"]
     process = subprocess.Popen(
@@ -131,17 +146,18 @@ def test_ctrl_c_ends_quietly_with_130_and_leaves_no_half_written_file(tmp_path: 
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
     )
     while not list(tmp_path.glob("runs/*/run.json")):
         assert process.poll() is None
-    # As a terminal does: to the whole process group.
-    os.killpg(process.pid, signal.SIGINT)
+    end(process)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert errors.strip() == (
         "interrupted: sequences that had ended are kept, the same command goes on"
     )
     assert not list(tmp_path.rglob("*.partial"))
+    assert not list(temporary.iterdir())
 
 
 @pytest.mark.parametrize(
