@@ -8,13 +8,11 @@ def main() -> None:
 
     It is imported here and not above because worker processes import this module as they start.
     """
-    heeds = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if heeds:  # while there is nothing to interrupt yet, without a word
+    # Ctrl-C needs no handling, and no traceback, while there is nothing to interrupt yet.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from hbbatch.cli.main import main as run
 
-    if heeds:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     run()
 
 

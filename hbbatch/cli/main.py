@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import Annotated, Final, NoReturn
 
@@ -106,8 +107,21 @@ def _end(signal_number: int, _frame: FrameType | None) -> NoReturn:
     """What a scheduler asks for ends as Ctrl-C does, which a terminal tells all processes of."""
     for child in multiprocessing.active_children():
         if child.pid is not None:
-            os.kill(child.pid, signal.SIGINT)
+            with suppress(ProcessLookupError):
+                os.kill(child.pid, signal.SIGINT)
     sys.exit(128 + signal_number)
+
+
+def heed_signals() -> None:
+    """Ctrl-C, SIGTERM and SIGHUP end the command in order, but those that it was told to ignore."""
+    handlers = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: _end,
+        signal.SIGHUP: _end,
+    }
+    for number, handler in handlers.items():
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, handler)
 
 
 def main() -> None:
@@ -115,10 +129,12 @@ def main() -> None:
 
     Usage errors (2), Ctrl-C (130) and a reader that leaves are typer's to handle.
     """
-    prepare_libraries()
-    signal.signal(signal.SIGTERM, _end)
     try:
+        prepare_libraries()
+        heed_signals()
         app()
+    except KeyboardInterrupt:  # before typer is at it
+        sys.exit(128 + signal.SIGINT)
     except HbbatchError as error:
         _fail(str(error), error.exit_status)
     except Exception as error:  # noqa: BLE001 - the user is told of a defect in one line

@@ -25,7 +25,8 @@ _DETECTION_US: Final = 4
 _SEQUENCE_US: Final = 5_000
 
 _WORKER_US: Final = 30_000
-"""From the start of a worker, forked from a process that has loaded all, to its first sequence."""
+"""From the start of a worker that is forked to its first sequence. One that loads its modules
+itself takes ten times as long, which small work on other systems than Linux is not spared."""
 
 _REST: Final = 0.2
 """Part of the work that is kept for who is free first: more than prices err between groups."""

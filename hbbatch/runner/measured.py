@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -52,8 +52,8 @@ def measured(commands: Sequence[Command]) -> Measured:
         ended = [_ended(process) for process in running]
         wall_s = time.perf_counter() - start
         # The process that forks workers notices only then that nobody needs it any more.
-        for orphan in _children() - before:
-            os.waitpid(orphan, 0)
+        while orphans := _children() - before:
+            os.waitpid(min(orphans), 0)
     return Measured(ended, wall_s, _children_cpu_s() - before_s)
 
 
@@ -99,8 +99,11 @@ def _orphans_adopted() -> Iterator[None]:
 
 def _children() -> set[int]:
     """Child processes of this one, where the system says."""
-    tasks = _OWN_TASKS.glob("*/children")
-    return {int(child) for task in tasks for child in task.read_text().split()}
+    children: set[int] = set()
+    for task in _OWN_TASKS.glob("*/children"):
+        with suppress(OSError):  # a thread that has ended meanwhile
+            children.update(map(int, task.read_text().split()))
+    return children
 
 
 def _children_cpu_s() -> float:

@@ -22,13 +22,20 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import Final, TypeVar
 
-from hbbatch.errors import ExitStatus
+from hbbatch.errors import ExitStatus, HbbatchError
 
 _INTERRUPTED: Final = 128 + signal.SIGINT
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 _NEEDED: Final = ["hbbatch.runner.worker", "hbbatch.tracking.engine"]
 """Modules of a worker."""
+
+_SPAWN: Final = multiprocessing.get_context("spawn")
+_UNKNOWN: Final = 255
+"""Exit status of a worker whose server was killed before it."""
+
+_BEGINNING: Final = threading.Lock()
+"""Held while the environment is that of workers."""
 
 _PATIENCE_S: Final = 5.0
 """How long a worker may take to stop when asked to."""
@@ -43,14 +50,29 @@ class WorkerProcess:
 
     @classmethod
     def start(cls) -> WorkerProcess:
-        """A new one."""
-        context = _context()
+        """A new one.
+
+        Raises:
+            HbbatchError: the system lets no process start.
+        """
+        try:
+            return cls._start(_context())
+        except (EOFError, OSError):
+            pass  # the server was killed, or cannot fork
+        try:
+            return cls._start(_SPAWN)
+        except OSError as error:
+            raise HbbatchError(
+                f"a worker process cannot start ({error.strerror}). --workers 1 does without."
+            ) from error
+
+    @classmethod
+    def _start(cls, context: ForkServerContext | SpawnContext) -> WorkerProcess:
         ours, theirs = context.Pipe()
-        process = context.Process(target=_body, args=(theirs,), daemon=True)
-        with _as_workers_begin():
-            process.start()
         # Only the child may hold its end, so that its death reads as the end of the pipe.
-        theirs.close()
+        with theirs, _as_workers_begin():
+            process = context.Process(target=_body, args=(theirs,), daemon=True)
+            process.start()
         return cls(process, ours)
 
     def stop(self) -> None:
@@ -68,6 +90,8 @@ class WorkerProcess:
         status = self.process.exitcode
         if status == -signal.SIGKILL:
             return "was killed (out of memory?). Try fewer --workers"
+        if status == _UNKNOWN:
+            return "is gone, as is what would know why (out of memory?). Try fewer --workers"
         if status is not None and status < 0:
             return f"was ended by {signal.Signals(-status).name}"
         return f"ended with status {status}"
@@ -96,7 +120,7 @@ def _context() -> ForkServerContext | SpawnContext:
         with suppress(OSError), _as_workers_begin():
             forkserver.ensure_running()
             return context
-    return multiprocessing.get_context("spawn")
+    return _SPAWN
 
 
 def available_cores() -> int:
@@ -178,26 +202,57 @@ def _body(pipe: Connection) -> None:
     os._exit(ExitStatus.DONE)
 
 
-_ENVIRONMENT: Final = {
-    # numpy multiplies in one thread; others would wait for work in a busy loop at first.
-    "OPENBLAS_NUM_THREADS": "1",
-    # An allocator of Arrow's that is not used keeps a thread all the same.
-    "JE_ARROW_MALLOC_CONF": "background_thread:false",
-}
-"""With which workers begin: a process that has no threads can be forked without a thought."""
+@contextmanager
+def _as_workers_begin() -> Iterator[None]:
+    """Processes started inside have the variables of `_environment`, and do not see Ctrl-C.
+
+    Nor does what is inside see signals that this process handles, until it is done: a process that
+    is started by halves has a word to say about it.
+    """
+    with _BEGINNING, _signals_held(), interrupts_blocked():
+        variables = _environment()
+        before = {name: os.environ.get(name) for name in variables}
+        os.environ.update(variables)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _environment() -> dict[str, str]:
+    """With which workers begin: a process without threads can be forked without a thought."""
+    return {
+        # numpy multiplies in one thread; others would wait for work in a busy loop at first.
+        "OPENBLAS_NUM_THREADS": "1",
+        # An allocator of Arrow's that is not used keeps a thread all the same.
+        "JE_ARROW_MALLOC_CONF": "background_thread:false",
+        # Modules are those of this process, not what lies in the current folder.
+        "PYTHONSAFEPATH": "1",
+        "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
+    }
 
 
 @contextmanager
-def _as_workers_begin() -> Iterator[None]:
-    """Processes started inside do not see Ctrl-C, and libraries start no threads in them."""
-    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
-    os.environ.update(_ENVIRONMENT)
+def _signals_held() -> Iterator[None]:
+    """What comes in of Ctrl-C, SIGTERM and SIGHUP inside is handled afterwards.
+
+    To block them would not do: another thread takes them then, and the main one handles them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    handled = [number for number in numbers if callable(signal.getsignal(number))]
+    before = {n: signal.signal(n, lambda number, _: came.append(number)) for n in handled}
     try:
-        with interrupts_blocked():
-            yield
+        yield
     finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)
 
 
 @contextmanager

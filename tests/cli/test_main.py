@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,63 @@ def test_libraries_are_told_what_suits_batches_unless_the_user_says_otherwise(
     monkeypatch.delenv(name)
     main_module.prepare_libraries()
     assert os.environ[name] == value
+
+
+INTERRUPTED_WHILE_LOADING = """
+import os, signal, sys
+from hbbatch import __main__
+
+class Interrupts:
+    def find_spec(self, name, path, target=None):
+        if name == "hbbatch.cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Interrupts())
+__main__.main()
+"""
+
+
+def test_ctrl_c_while_the_command_loads_ends_it_without_a_word() -> None:
+    command = [sys.executable, "-c", INTERRUPTED_WHILE_LOADING]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.fixture
+def _signals() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("_signals")
+def test_ctrl_c_before_typer_is_at_it_is_130_without_a_word(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raise_from_app(monkeypatch, KeyboardInterrupt())
+    assert run_main(monkeypatch) == 130
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("_signals")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_what_ends_a_command_is_heeded_unless_it_is_to_be_ignored(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    signal.signal(number, signal.SIG_IGN)  # nohup does so
+    main_module.heed_signals()
+    signal.raise_signal(number)
+    signal.signal(number, signal.SIG_DFL)
+    main_module.heed_signals()
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    monkeypatch.setattr("multiprocessing.active_children", lambda: [gone])
+    with pytest.raises(SystemExit) as ended:
+        signal.raise_signal(number)
+    assert ended.value.code == 128 + number
 
 
 def test_the_version_is_printed() -> None:

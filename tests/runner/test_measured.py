@@ -67,7 +67,6 @@ def test_a_command_is_kept_to_its_cores_and_others_are_not() -> None:
 def test_processor_time_is_counted() -> None:
     done = measured([python(BUSY)])
     assert done.cpu_s >= 0.2
-    assert done.wall_s >= 0.2
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="orphans go to the first process elsewhere")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from hbbatch.config import TrackSettings
-from hbbatch.runner.processes import WorkerProcess, cores_for
+from hbbatch.errors import HbbatchError
+from hbbatch.runner.processes import WorkerProcess, _as_workers_begin, cores_for
 from hbbatch.runner.track import TrackRequest, track
 from tests.runner.small_dataset import ECHO, make_dataset
 
@@ -55,6 +58,103 @@ if __name__ == "__main__":
 def test_a_worker_has_loaded_what_it_needs_before_it_is_told_anything(tmp_path: Path) -> None:
     """And its parent has not."""
     assert run_fresh(tmp_path, LOADED_AHEAD).startswith("7 False ")
+
+
+PRELOADED = """
+import sys
+from hbbatch.runner import processes
+
+def report():
+    sys.exit(7 if "hbbatch.tracking.engine" in sys.modules else 8)
+
+if __name__ == "__main__":
+    plain = processes._context().Process(target=report)
+    plain.start()
+    plain.join()
+    print(plain.exitcode)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
+def test_what_forks_workers_has_loaded_what_they_need(tmp_path: Path) -> None:
+    assert run_fresh(tmp_path, PRELOADED) == "7"
+
+
+def test_modules_are_not_those_of_the_current_folder(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "numpy.py").write_text("raise RuntimeError")
+    assert run_fresh(tmp_path, LOADED_AHEAD, cwd=elsewhere).startswith("7 False ")
+
+
+KILLED_WHILE_FORKING = """
+import os, signal, threading, time
+from pathlib import Path
+from hbbatch.runner.processes import WorkerProcess, load_ahead
+
+def server():
+    [task] = Path("/proc/self/task").iterdir()
+    for child in (task / "children").read_text().split():
+        if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return int(child)
+
+if __name__ == "__main__":
+    load_ahead(workers=2)
+    os.kill(server(), signal.SIGSTOP)
+    threading.Timer(0.3, os.kill, [server(), signal.SIGKILL]).start()
+    process = WorkerProcess.start()
+    process.pipe.close()
+    process.process.join()
+    print(process.process.exitcode)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
+def test_workers_start_though_what_forks_them_is_killed_at_it(tmp_path: Path) -> None:
+    assert run_fresh(tmp_path, KILLED_WHILE_FORKING) == "0"
+
+
+def test_where_no_process_can_start_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(_process: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", start)
+    with pytest.raises(HbbatchError, match=r"cannot start \(no more processes\)"):
+        WorkerProcess.start()
+
+
+@pytest.fixture
+def _heeds_ctrl_c() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_heeds_ctrl_c")
+def test_ctrl_c_waits_until_a_process_has_been_started() -> None:
+    """Half of one would have its own word to say."""
+    done = []
+
+    def begin() -> None:
+        with _as_workers_begin():
+            signal.raise_signal(signal.SIGINT)
+            done.append("started")
+
+    with pytest.raises(KeyboardInterrupt):
+        begin()
+    assert done == ["started"]
+
+
+def test_the_environment_stays_whoever_starts_workers_at_once() -> None:
+    before = dict(os.environ)
+
+    def begin(_: int) -> None:
+        with _as_workers_begin():
+            assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(begin, range(400)))
+    assert dict(os.environ) == before
 
 
 FORKED = """
@@ -143,13 +243,15 @@ if __name__ == "__main__":
 """
 
 
-def run_fresh(folder: Path, code: str, **variables: str) -> str:
+def run_fresh(folder: Path, code: str, cwd: Path | None = None, **variables: str) -> str:
     """What a script says in a process of its own, without a word of error."""
     script = folder / "parent.py"
     script.write_text(code)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), **variables}
     command = [sys.executable, str(script)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, env=environment, cwd=cwd
+    )
     assert done.stderr == ""
     return done.stdout.strip()
 
