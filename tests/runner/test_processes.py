@@ -94,14 +94,16 @@ from hbbatch.runner.processes import WorkerProcess, load_ahead
 
 def server():
     [task] = Path("/proc/self/task").iterdir()
-    for child in (task / "children").read_text().split():
-        if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
-            return int(child)
+    while True:
+        for child in (task / "children").read_text().split():
+            if b"forkserver" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return int(child)
 
 if __name__ == "__main__":
     load_ahead(workers=2)
-    os.kill(server(), signal.SIGSTOP)
-    threading.Timer(0.3, os.kill, [server(), signal.SIGKILL]).start()
+    pid = server()
+    os.kill(pid, signal.SIGSTOP)
+    threading.Timer(0.3, os.kill, [pid, signal.SIGKILL]).start()
     process = WorkerProcess.start()
     process.pipe.close()
     process.process.join()
