@@ -204,12 +204,8 @@ def _body(pipe: Connection) -> None:
 
 @contextmanager
 def _as_workers_begin() -> Iterator[None]:
-    """Processes started inside have the variables of `_environment`, and do not see Ctrl-C.
-
-    Nor does what is inside see signals that this process handles, until it is done: a process that
-    is started by halves has a word to say about it.
-    """
-    with _BEGINNING, _signals_held(), interrupts_blocked():
+    """Processes started inside have the variables of `_environment`, and do not see Ctrl-C."""
+    with _BEGINNING, interrupts_blocked():
         variables = _environment()
         before = {name: os.environ.get(name) for name in variables}
         os.environ.update(variables)
@@ -257,11 +253,15 @@ def _signals_held() -> Iterator[None]:
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Processes started inside do not see Ctrl-C: it is the parent's to handle."""
+    """Processes started inside do not see Ctrl-C: it is the parent's to handle.
+
+    That is done when they have been started: half a process has a word to say about it.
+    """
     # Started with the first process otherwise, it would unblock what is blocked here.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with _signals_held():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,7 +16,12 @@ import pytest
 
 from hbbatch.config import TrackSettings
 from hbbatch.errors import HbbatchError
-from hbbatch.runner.processes import WorkerProcess, _as_workers_begin, cores_for
+from hbbatch.runner.processes import (
+    WorkerProcess,
+    _as_workers_begin,
+    cores_for,
+    interrupts_blocked,
+)
 from hbbatch.runner.track import TrackRequest, track
 from tests.runner.small_dataset import ECHO, make_dataset
 
@@ -136,10 +142,20 @@ def _heeds_ctrl_c() -> Iterator[None]:
 def test_ctrl_c_waits_until_a_process_has_been_started() -> None:
     """Half of one would have its own word to say."""
     done = []
+    go = threading.Event()
+
+    def interrupt() -> None:
+        go.wait()
+        signal.raise_signal(signal.SIGINT)
+
+    # One that takes the signal, for it was there before this one blocked it.
+    other = threading.Thread(target=interrupt)
+    other.start()
 
     def begin() -> None:
-        with _as_workers_begin():
-            signal.raise_signal(signal.SIGINT)
+        with interrupts_blocked():
+            go.set()
+            other.join()
             done.append("started")
 
     with pytest.raises(KeyboardInterrupt):
